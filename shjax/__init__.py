@@ -1,0 +1,63 @@
+"""Lighting in frequency space, differentiable: see the README and each module.
+
+Frame: right-handed, +z up; a panorama's centre looks along +x and u = 0.25 along +y.
+Basis: real, orthonormal, without Condon-Shortley phase; index ``l (l + 1) + m``.
+Arrays: channel last, batch in front; coefficients are ``(..., K, C)``.
+Light: linear radiance, W m^-2 sr^-1 or relative; angles in radians.
+
+``import shjax`` loads JAX and NumPy only; ``shjax.io``, ``shjax.inverse`` and what they
+need are loaded when first used.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+from shjax import render as render
+from shjax.envmap import EnvironmentMap as EnvironmentMap
+from shjax.envmap import make_envmap as make_envmap
+from shjax.harmonics import analyze as analyze
+from shjax.harmonics import basis as basis
+from shjax.harmonics import evaluate as evaluate
+from shjax.harmonics import project_samples as project_samples
+from shjax.harmonics import rotate as rotate
+from shjax.harmonics import scale_degrees as scale_degrees
+from shjax.harmonics import spread as spread
+from shjax.harmonics import synthesize as synthesize
+from shjax.irradiance import clamped_cosine_coefs as clamped_cosine_coefs
+from shjax.irradiance import cosine_kernel as cosine_kernel
+from shjax.irradiance import irradiance as irradiance
+from shjax.irradiance import irradiance_coefs as irradiance_coefs
+from shjax.irradiance import irradiance_error as irradiance_error
+from shjax.irradiance import irradiance_from_matrix as irradiance_from_matrix
+from shjax.irradiance import irradiance_matrix as irradiance_matrix
+from shjax.irradiance import irradiance_polynomial as irradiance_polynomial
+from shjax.irradiance import reference_irradiance as reference_irradiance
+from shjax.irradiance import (
+    reference_irradiance_samples as reference_irradiance_samples,
+)
+
+if TYPE_CHECKING:
+    from shjax import inverse as inverse
+    from shjax import io as io
+    from shjax.inverse import Estimate as Estimate
+    from shjax.inverse import estimate_lighting as estimate_lighting
+
+__version__ = "0.1.0"
+
+_LAZY = {
+    "io": "shjax.io",
+    "inverse": "shjax.inverse",
+    "Estimate": "shjax.inverse",
+    "estimate_lighting": "shjax.inverse",
+}
+
+
+def __getattr__(name: str):
+    if name not in _LAZY:
+        raise AttributeError(f"module 'shjax' has no attribute {name!r}")
+    module = importlib.import_module(_LAZY[name])
+    return module if name in ("io", "inverse") else getattr(module, name)
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(_LAZY))

@@ -1,0 +1,5 @@
+"""``python -m shjax``."""
+
+from shjax.cli import main
+
+main()

@@ -1,0 +1,55 @@
+"""Array types and the checks that every entry point shares.
+
+An argument may be a JAX or a NumPy array; a result is always a JAX array. Arithmetic is
+done in float32 or float64, whichever the argument has; half precision is widened to
+float32, and integers are refused, since an 8-bit picture is not linear light.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Array: TypeAlias = jax.Array | np.ndarray
+
+
+def as_float(name: str, value) -> jax.Array:
+    """Return ``value`` as a float32 or float64 JAX array.
+
+    Raises:
+        ValueError: If ``value`` does not hold real floating-point numbers.
+    """
+    given = value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype
+    if not jnp.issubdtype(given, jnp.floating):
+        raise ValueError(f"{name} must hold floating-point numbers; got {given}.")
+    widened = jnp.float32 if jnp.finfo(given).bits < 32 else given
+    return jnp.asarray(value, jax.dtypes.canonicalize_dtype(widened))
+
+
+def check_channels(name: str, shape: tuple[int, ...], leading: str, rank: int) -> None:
+    """Refuse an array that lacks its channel axis or one in front of it.
+
+    Args:
+        name: The argument's name, for the message.
+        shape: What came.
+        leading: The axes that must be there, in words such as ``n_theta, n_phi, C``.
+        rank: How many of them there are.
+
+    Raises:
+        ValueError: If there are fewer axes, or one of them is empty.
+    """
+    if len(shape) < rank or 0 in shape[len(shape) - rank :]:
+        raise ValueError(f"{name} must have shape (..., {leading}); got {shape}.")
+
+
+def check_vectors(name: str, shape: tuple[int, ...]) -> None:
+    """Refuse an array whose last axis is not x, y, z.
+
+    Raises:
+        ValueError: If it is not.
+    """
+    if not shape or shape[-1] != 3:
+        raise ValueError(f"{name} must have shape (..., 3); got {shape}.")

@@ -1,0 +1,47 @@
+"""The command line: a thin layer that reads, calls the library, and writes.
+
+Exit status: 0, or one line on standard error and 2 (bad input) or 1 (a failure).
+"""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+import shjax
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 88},
+    epilog="Run 'shjax COMMAND --help' for the options of a command.",
+)
+@click.version_option(shjax.__version__, prog_name="shjax")
+def cli() -> None:
+    """Lighting in frequency space: panoramas, spherical harmonics, irradiance."""
+
+
+def main() -> None:
+    """Run the command line; errors are one line on standard error."""
+    from shjax.cli.light import light
+
+    cli.add_command(light)
+    try:
+        status = cli.main(standalone_mode=False)
+    except click.ClickException as error:
+        _say(error.format_message())
+        status = error.exit_code if isinstance(error, click.UsageError) else 2
+    except click.Abort:
+        _say("interrupted")
+        status = 1
+    except (ValueError, OSError) as error:
+        _say(str(error))
+        status = 2
+    except MemoryError:
+        _say("not enough memory")
+        status = 1
+    sys.exit(status or 0)
+
+
+def _say(text: str) -> None:
+    print("shjax: " + " ".join(text.split()), file=sys.stderr)

@@ -1,0 +1,370 @@
+"""Lambertian irradiance: nine numbers, three equal forms, and the integral itself.
+
+Irradiance is ``E(n) = int L(w) max(n.w, 0) dw``; constant radiance L gives ``pi L``. What
+a picture holds is the radiance ``albedo / pi * E``; that is ``shjax.render``.
+
+References:
+    [RH01] R. Ramamoorthi and P. Hanrahan, An Efficient Representation for Irradiance
+    Environment Maps, SIGGRAPH 2001.
+    [T4] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 4.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from shjax.arrays import Array, as_float, check_channels, check_vectors
+from shjax.harmonics import evaluate, scale_degrees
+from shjax.harmonics.degrees import check_l_max, degree_of_coefs
+from shjax.harmonics.grid import Grid
+from shjax.sphere import fibonacci_directions, latlong_directions
+
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec. 709
+
+
+def cosine_kernel(l_max: int) -> Float[Array, " L"]:
+    """Gains of the clamped cosine, ``Ahat_l``: pi, 2 pi / 3, pi / 4, 0, ... [RH01, Eq. 8].
+
+    Irradiance coefficients are ``E_lm = Ahat_l L_lm``. The factorials of the paper are
+    replaced by the ratio ``Ahat_l / Ahat_(l-2) = -(l - 3) / (l + 2)`` for even l, so any
+    degree is reached without overflow.
+
+    Args:
+        l_max: Highest degree, inclusive.
+
+    Returns:
+        ``(l_max + 1,)``, in JAX's default floating-point type.
+
+    >>> [f"{gain:.4f}" for gain in cosine_kernel(4)]
+    ['3.1416', '2.0944', '0.7854', '0.0000', '-0.1309']
+    """
+    return jnp.asarray(cosine_kernel_table(check_l_max(l_max)), jnp.result_type(float))
+
+
+@functools.lru_cache(maxsize=64)
+def cosine_kernel_table(l_max: int) -> np.ndarray:
+    """:func:`cosine_kernel` as a float64 NumPy table, read-only."""
+    kernel = np.zeros(max(l_max, 1) + 1)
+    kernel[0], kernel[1] = math.pi, 2 * math.pi / 3
+    for l in range(2, l_max + 1, 2):
+        kernel[l] = -kernel[l - 2] * (l - 3) / (l + 2)
+    kernel = kernel[: l_max + 1]
+    kernel.setflags(write=False)
+    return kernel
+
+
+def clamped_cosine_coefs(l_max: int) -> Float[Array, " L"]:
+    """Expansion of max(cos t, 0) in Y_l0: ``A_l = sqrt((2l + 1) / 4 pi) Ahat_l`` [T4, 4.9].
+
+    Not the convolution gains: those are :func:`cosine_kernel`.
+
+    Args:
+        l_max: Highest degree, inclusive.
+
+    Returns:
+        ``(l_max + 1,)``.
+    """
+    degrees = np.arange(check_l_max(l_max) + 1)
+    coefs = cosine_kernel_table(l_max) * np.sqrt((2 * degrees + 1) / (4 * np.pi))
+    return jnp.asarray(coefs, jnp.result_type(float))
+
+
+@jax.jit
+def irradiance_coefs(
+    lighting: Float[Array, "*batch K C"],
+) -> Float[Array, "*batch K C"]:
+    """Convolve distant lighting with the clamped cosine [T4, Eq. 4.8].
+
+    Args:
+        lighting: Radiance coefficients, W m^-2 sr^-1 or relative.
+
+    Returns:
+        Irradiance coefficients of the same shape, W m^-2.
+
+    Raises:
+        ValueError: If the axis before the last is not a square number.
+    """
+    kernel = cosine_kernel_table(degree_of_coefs(lighting.shape, "lighting"))
+    return scale_degrees(lighting, kernel)
+
+
+@jax.jit
+def irradiance(
+    lighting: Float[Array, "*batch K C"], normals: Float[Array, "*points 3"]
+) -> Float[Array, "*batch_points C"]:
+    """Irradiance at unit normals, by convolution, at any degree [T4, Eq. 4.10].
+
+    Args:
+        lighting: Radiance coefficients, ``(*batch, K, C)``.
+        normals: Unit normals, ``(*points, 3)``, the same for the whole batch.
+
+    Returns:
+        ``(*batch, *points, C)``, W m^-2.
+
+    Raises:
+        ValueError: If a shape is wrong.
+
+    >>> white = jnp.zeros((9, 1)).at[0, 0].set(math.sqrt(4 * math.pi))  # radiance 1
+    >>> print(f"{irradiance(white, jnp.array([0.0, 0.0, 1.0]))[0]:.4f}")
+    3.1416
+    """
+    check_vectors("normals", normals.shape)
+    return evaluate(irradiance_coefs(lighting), normals)
+
+
+@jax.jit
+def irradiance_matrix(
+    lighting: Float[Array, "*batch K C"],
+) -> Float[Array, "*batch 4 4 C"]:
+    """The symmetric M with ``E(n) = [n 1] M [n 1]^T`` [RH01, Eqs. 11-12; T4, 4.15].
+
+    Args:
+        lighting: Radiance coefficients; degrees above 2 are not used.
+
+    Returns:
+        ``(..., 4, 4, C)``, W m^-2.
+
+    Raises:
+        ValueError: If ``lighting`` does not reach degree 2.
+    """
+    lighting = _nine("lighting", lighting)
+    c1, c2, c3, c4, c5 = _matrix_constants()
+    l00, l1m1, l10, l11, l2m2, l2m1, l20, l21, l22 = jnp.moveaxis(lighting, -2, 0)
+    rows = [
+        [c1 * l22, c1 * l2m2, c1 * l21, c2 * l11],
+        [c1 * l2m2, -c1 * l22, c1 * l2m1, c2 * l1m1],
+        [c1 * l21, c1 * l2m1, c3 * l20, c2 * l10],
+        [c2 * l11, c2 * l1m1, c2 * l10, c4 * l00 - c5 * l20],
+    ]
+    return jnp.stack([jnp.stack(row, axis=-2) for row in rows], axis=-3)
+
+
+@jax.jit
+def irradiance_from_matrix(
+    matrix: Float[Array, "*batch 4 4 C"], normals: Float[Array, "*points 3"]
+) -> Float[Array, "*batch_points C"]:
+    """``[n 1] M [n 1]^T`` [RH01, Eq. 11].
+
+    Args:
+        matrix: From :func:`irradiance_matrix`, ``(*batch, 4, 4, C)``.
+        normals: Unit normals, ``(*points, 3)``.
+
+    Returns:
+        ``(*batch, *points, C)``, W m^-2.
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+    if matrix.ndim < 3 or matrix.shape[-3:-1] != (4, 4):
+        raise ValueError(f"matrix must have shape (..., 4, 4, C); got {matrix.shape}.")
+    check_vectors("normals", normals.shape)
+    matrix = as_float("matrix", matrix)
+    normals = as_float("normals", normals).astype(matrix.dtype)
+    points = normals.reshape(-1, 3)
+    homogeneous = jnp.concatenate([points, jnp.ones_like(points[:, :1])], axis=-1)
+    value = jnp.einsum(
+        "pi,...ijc,pj->...pc",
+        homogeneous,
+        matrix,
+        homogeneous,
+        precision=jax.lax.Precision.HIGHEST,
+    )
+    return value.reshape(*matrix.shape[:-3], *normals.shape[:-1], matrix.shape[-1])
+
+
+@jax.jit
+def irradiance_polynomial(
+    lighting: Float[Array, "*batch K C"], normals: Float[Array, "*points 3"]
+) -> Float[Array, "*batch_points C"]:
+    """The quadratic polynomial in the normal, written out [RH01, Eq. 13; T4, 4.16].
+
+    Args:
+        lighting: Radiance coefficients; degrees above 2 are not used.
+        normals: Unit normals.
+
+    Returns:
+        ``(*batch, *points, C)``, W m^-2.
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+    check_vectors("normals", normals.shape)
+    nine = _nine("lighting", lighting)
+    normals = as_float("normals", normals).astype(nine.dtype)
+    c1, c2, c3, c4, c5 = _matrix_constants()
+    # Coefficients in front, one axis for each of the points' axes, channel last.
+    spread_out = (*nine.shape[:-2], *(1,) * (normals.ndim - 1), nine.shape[-1])
+    l00, l1m1, l10, l11, l2m2, l2m1, l20, l21, l22 = (
+        nine[..., k, :].reshape(spread_out) for k in range(9)
+    )
+    x, y, z = (normals[..., i, None] for i in range(3))
+    shape = jnp.broadcast_shapes(x.shape, spread_out)
+    x, y, z = (jnp.broadcast_to(component, shape) for component in (x, y, z))
+    return (
+        c1 * l22 * (x * x - y * y)
+        + c3 * l20 * z * z
+        + c4 * l00
+        - c5 * l20
+        + 2 * c1 * (l2m2 * x * y + l21 * x * z + l2m1 * y * z)
+        + 2 * c2 * (l11 * x + l1m1 * y + l10 * z)
+    )
+
+
+def _nine(name: str, lighting) -> jax.Array:
+    if degree_of_coefs(lighting.shape, name) < 2:
+        raise ValueError(f"{name} must have shape (..., 9, C); got {lighting.shape}.")
+    return as_float(name, lighting)[..., :9, :]
+
+
+def _matrix_constants() -> tuple[float, ...]:
+    """c1..c5 of [RH01, Eq. 12] from the kernel and the basis constants [RH01, Eq. 3]."""
+    a0, a1, a2 = (float(a) for a in cosine_kernel_table(2))
+    y00, y1 = math.sqrt(1 / (4 * math.pi)), math.sqrt(3 / (4 * math.pi))
+    y20, y22 = math.sqrt(5 / (16 * math.pi)), math.sqrt(15 / (16 * math.pi))
+    return a2 * y22, a1 * y1 / 2, 3 * a2 * y20, a0 * y00, a2 * y20
+
+
+def reference_irradiance(
+    radiance: Float[Array, "n_theta n_phi C"], normals: Float[Array, "*points 3"]
+) -> Float[Array, "*points C"]:
+    """The integral over every pixel of a lat-long panorama, the truth for errors.
+
+    Args:
+        radiance: Panorama as it is stored.
+        normals: Unit normals.
+
+    Returns:
+        ``(*points, C)``, W m^-2.
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+    if radiance.ndim != 3:
+        raise ValueError(
+            f"radiance must have shape (n_theta, n_phi, C); got {radiance.shape}."
+        )
+    check_channels("radiance", radiance.shape, "n_theta, n_phi, C", 3)
+    n_theta, n_phi, channels = radiance.shape
+    directions = latlong_directions(n_theta, n_phi).reshape(-1, 3)
+    weights = np.repeat(Grid(n_theta, n_phi).weights, n_phi)
+    flat = radiance.reshape(-1, channels)
+    return reference_irradiance_samples(flat, directions, weights, normals)
+
+
+@functools.partial(jax.jit, static_argnames=("tile", "block"))
+def reference_irradiance_samples(
+    radiance: Float[Array, "N C"],
+    directions: Float[Array, "N 3"],
+    weights: Float[Array, " N"],
+    normals: Float[Array, "*points 3"],
+    *,
+    tile: int = 512,
+    block: int = 1024,
+) -> Float[Array, "*points C"]:
+    """The integral ``sum_n w_n L_n max(n.d_n, 0)`` over samples at any directions.
+
+    Works on tiles of normals by blocks of samples, so the cosines of one tile and block
+    are all that is stored beside the input.
+
+    Args:
+        radiance: Samples.
+        directions: Their unit vectors.
+        weights: Their solid angles, steradians.
+        normals: Unit normals.
+        tile: Normals at a time. Static.
+        block: Samples at a time. Static.
+
+    Returns:
+        ``(*points, C)``, W m^-2.
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+    check_vectors("normals", normals.shape)
+    radiance = as_float("radiance", radiance)
+    dtype, (n, channels) = radiance.dtype, radiance.shape
+    if directions.shape != (n, 3) or weights.shape != (n,):
+        raise ValueError(
+            f"directions and weights must have shapes ({n}, 3) and ({n},); "
+            f"got {directions.shape} and {weights.shape}."
+        )
+    normals = as_float("normals", normals).astype(dtype)
+    flux = radiance * jnp.asarray(weights, dtype)[:, None]
+    blocks = (
+        _in_blocks(jnp.asarray(directions, dtype), block),
+        _in_blocks(flux, block),
+    )
+    matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+
+    @jax.checkpoint  # the gradient recomputes the cosines, and stays small
+    def add_block(total, directions_and_flux, some_normals):
+        towards, light = directions_and_flux
+        cosines = jnp.maximum(matmul(some_normals, towards.T), 0)
+        return total + matmul(cosines, light), None
+
+    def one_tile(some_normals):
+        start = jnp.zeros((some_normals.shape[0], channels), dtype)
+        step = functools.partial(add_block, some_normals=some_normals)
+        return jax.lax.scan(step, start, blocks)[0]
+
+    points = normals.reshape(-1, 3)
+    tiles = _in_blocks(points, min(tile, max(points.shape[0], 1)))
+    values = jax.lax.map(one_tile, tiles).reshape(-1, channels)[: points.shape[0]]
+    return values.reshape(*normals.shape[:-1], channels)
+
+
+def _in_blocks(rows: jax.Array, size: int) -> jax.Array:
+    """``(n, ...)`` as ``(blocks, size, ...)``, filled up with zeros."""
+    padding = [(0, -rows.shape[0] % size)] + [(0, 0)] * (rows.ndim - 1)
+    return jnp.pad(rows, padding).reshape(-1, size, *rows.shape[1:])
+
+
+def luminance(values: Float[Array, "*batch C"]) -> Float[Array, "*batch"]:
+    """Rec. 709 luminance of RGB, or the mean of any other number of channels."""
+    channels = values.shape[-1]
+    weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
+    return jnp.matmul(
+        values, jnp.asarray(weights, values.dtype), precision=jax.lax.Precision.HIGHEST
+    )
+
+
+@jax.jit
+def irradiance_error(
+    lighting: Float[Array, "K C"],
+    radiance: Float[Array, "N C"],
+    directions: Float[Array, "N 3"],
+    weights: Float[Array, " N"],
+) -> dict[str, Float[Array, ""]]:
+    """Error of the irradiance from coefficients against the integral [RH01, section 3.1].
+
+    ``|E_coefs - E| / int L dw`` in luminance over 4000 uniform normals: the paper's "error
+    as a fraction of the total intensity of the illumination".
+
+    Args:
+        lighting: Radiance coefficients of the same light.
+        radiance: The light's pixels.
+        directions: Their unit vectors.
+        weights: Their solid angles, steradians.
+
+    Returns:
+        ``mean`` and ``max`` of the error (fractions), and ``ringing``: the smallest value
+        of the coefficients' irradiance over its mean, negative where the map rings.
+    """
+    dtype = radiance.dtype
+    normals = jnp.asarray(fibonacci_directions(4000), dtype)
+    exact = reference_irradiance_samples(radiance, directions, weights, normals)
+    expansion = luminance(irradiance(lighting, normals))
+    total = jnp.sum(luminance(radiance) * jnp.asarray(weights, dtype))
+    # Black light has no error: 0 / 1, not 0 / 0.
+    total = jnp.where(total == 0, 1, total)
+    error = jnp.abs(expansion - luminance(exact)) / total
+    mean = jnp.mean(expansion)
+    ringing = jnp.min(expansion) / jnp.where(mean == 0, 1, mean)
+    return {"mean": jnp.mean(error), "max": jnp.max(error), "ringing": ringing}

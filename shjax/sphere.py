@@ -1,0 +1,93 @@
+"""Directions on the unit sphere and the lat-long pixel grid.
+
+This module hides how a stored panorama's pixels map to directions. The frame is
+right-handed with +z up and theta = 0: ``(x, y, z) = (sin t cos p, sin t sin p, cos t)``.
+Row ``i`` lies at ``t = pi (i + 1/2) / n_theta`` and column ``j`` at
+``p = pi - 2 pi (j + 1/2) / n_phi``: row 0 is up, the image centre looks along +x and
+``u = 0.25`` along +y, as the panorama is seen from inside.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from shjax.arrays import Array
+
+
+def normalize(vectors: Float[Array, "*batch 3"]) -> Float[jax.Array, "*batch 3"]:
+    """Scale vectors to unit length; a zero vector stays zero, with zero derivative.
+
+    >>> [f"{x:.1f}" for x in normalize(jnp.array([0.0, 3.0, 4.0]))]
+    ['0.0', '0.6', '0.8']
+    """
+    squared = jnp.sum(vectors * vectors, axis=-1, keepdims=True)
+    nonzero = squared > 0
+    length = jnp.sqrt(jnp.where(nonzero, squared, 1))
+    return jnp.where(nonzero, vectors / length, 0)
+
+
+def latlong_theta(n_theta: int) -> np.ndarray:
+    """Polar angles of the rows' centres, ``(n_theta,)``, radians."""
+    return np.pi * (np.arange(n_theta) + 0.5) / n_theta
+
+
+def latlong_phi(n_phi: int) -> np.ndarray:
+    """Azimuths of the columns' centres, ``(n_phi,)``, radians, falling from pi."""
+    return np.pi - 2 * np.pi * (np.arange(n_phi) + 0.5) / n_phi
+
+
+def spherical_directions(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Unit vectors of broadcastable polar angles and azimuths, ``(..., 3)``."""
+    theta, phi = np.broadcast_arrays(theta, phi)
+    sine = np.sin(theta)
+    return np.stack([sine * np.cos(phi), sine * np.sin(phi), np.cos(theta)], axis=-1)
+
+
+def latlong_directions(n_theta: int, n_phi: int) -> np.ndarray:
+    """Unit vectors of the pixel centres, ``(n_theta, n_phi, 3)``, float64."""
+    return spherical_directions(latlong_theta(n_theta)[:, None], latlong_phi(n_phi))
+
+
+def latlong_solid_angles(n_theta: int, n_phi: int) -> np.ndarray:
+    """Exact solid angle of a pixel in each row, ``(n_theta,)``, steradians.
+
+    >>> float(latlong_solid_angles(4, 8).sum() * 8 / np.pi)
+    4.0
+    """
+    # cos a - cos b as a product: no digits are lost in thin rows at the poles.
+    half = np.pi / (2 * n_theta)
+    return (2 * np.pi / n_phi) * 2 * np.sin(latlong_theta(n_theta)) * np.sin(half)
+
+
+def latlong_pixels(
+    directions: np.ndarray, n_theta: int, n_phi: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fractional row and column of directions; a pixel's centre is a whole number.
+
+    Args:
+        directions: Unit vectors, ``(..., 3)``.
+        n_theta: Rows.
+        n_phi: Columns.
+
+    Returns:
+        Row in [-1/2, n_theta - 1/2] and column in [-1/2, n_phi - 1/2], each ``(...)``.
+    """
+    x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
+    theta = np.arctan2(np.hypot(x, y), z)
+    row = theta / np.pi * n_theta - 0.5
+    column = (np.pi - np.arctan2(y, x)) / (2 * np.pi) * n_phi - 0.5
+    return row, column
+
+
+def fibonacci_directions(n: int) -> np.ndarray:
+    """``n`` nearly uniform unit vectors on a Fibonacci spiral, ``(n, 3)``, float64.
+
+    Their mean estimates an average over the sphere with an error far below that of
+    random points [Swinbank and Purser 2006].
+    """
+    z = 1 - (2 * np.arange(n) + 1) / n
+    golden = np.pi * (3 - np.sqrt(5.0))
+    return spherical_directions(np.arccos(z), golden * np.arange(n))

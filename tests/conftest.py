@@ -1,0 +1,72 @@
+"""Settings of the whole suite: strict JAX, run-time shape checks, no silent skips."""
+
+import os
+
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+jaxtyping.install_import_hook("shjax", "beartype.beartype")
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--float32", action="store_true", help="run with JAX's default single precision"
+    )
+
+
+def pytest_configure(config):
+    jax.config.update("jax_enable_x64", not config.getoption("--float32"))
+    jax.config.update("jax_numpy_rank_promotion", "raise")
+    jax.config.update("jax_numpy_dtype_promotion", "strict")
+    jax.config.update("jax_debug_nans", True)
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--float32"):
+        kept = [item for item in items if not item.get_closest_marker("x64")]
+        dropped = [item for item in items if item.get_closest_marker("x64")]
+        config.hook.pytest_deselected(items=dropped)
+        items[:] = kept
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """In CI everything a test needs is there: a skip is a failure."""
+    report = yield
+    if report.skipped and os.environ.get("CI") and not hasattr(report, "wasxfail"):
+        report.outcome = "failed"
+        report.longrepr = f"skipped in CI: {report.longrepr}"
+    return report
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20010812)
+
+
+@pytest.fixture
+def dtype():
+    """The widest type of this lane."""
+    return np.dtype(jax.numpy.result_type(float))
+
+
+@pytest.fixture(scope="session")
+def data():
+    """The folder of measured data; see experiments/data.py."""
+    from experiments.data import data_folder
+
+    folder = data_folder()
+    if not folder.is_dir():
+        pytest.skip(f"no measured data at {folder}; set SHJAX_DATA")
+    return folder
+
+
+@pytest.fixture
+def as_a_user():
+    """Without the run-time shape checks, so that the library's own refusals are seen."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

@@ -1,0 +1,162 @@
+"""The command as a person meets it, in a process of its own where that matters."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import shjax
+from shjax import io
+from shjax.cli.light import run
+
+
+def shell(*arguments, cwd=None):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX")}
+    return subprocess.run(
+        [sys.executable, "-m", "shjax", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def main_job(tmp_path_factory):
+    out = tmp_path_factory.mktemp("main")
+    return shell("light", "--out", out, "--json"), out
+
+
+def test_the_main_job(main_job):
+    finished, out = main_job
+    assert finished.returncode == 0, finished.stderr
+    result = json.loads(finished.stdout)  # exactly one object
+    assert np.array(result["coefficients"]).shape == (9, 3)
+    assert result["l_max"] == 2
+    assert "+z up" in result["frame"]
+    assert "Condon-Shortley" in result["basis"]
+    assert "radiance" in result["units"]
+    error = result["irradiance_error"]
+    assert round(100 * error["mean"], 2) == 0.97
+    assert error["max"] == pytest.approx(0.028, abs=0.004)
+    assert "int L dw" in error["relative_to"]
+    assert result["recovered_error"]["self"] <= 1e-4
+    assert 0.01 < result["recovered_error"]["exact"] < 0.6
+    expected = {
+        "irradiance.exr",
+        "irradiance.png",
+        "lighting.json",
+        "spheres.exr",
+        "spheres.png",
+    }
+    assert {f"city_{name}" for name in expected} == set(os.listdir(out))
+    stored = json.loads((out / "city_lighting.json").read_text())
+    assert stored == result
+
+
+def test_the_pictures_hold_what_they_say(main_job):
+    _, out = main_job
+    irradiance = io.read_image(out / "city_irradiance.exr")
+    assert irradiance.shape == (64, 128, 3)
+    lighting = np.array(
+        json.loads((out / "city_lighting.json").read_text())["coefficients"]
+    )
+    mean = np.asarray(shjax.analyze(irradiance, l_max=0))[0] / np.sqrt(4 * np.pi)
+    np.testing.assert_allclose(mean, lighting[0] * np.sqrt(np.pi / 4), rtol=1e-4)
+    spheres = io.read_image(out / "city_spheres.exr")
+    approximate, exact, difference = np.split(spheres, 3, axis=1)
+    np.testing.assert_allclose(approximate - exact, difference, atol=1e-6)
+    assert 0 < np.abs(difference).max() < 0.2 * exact.max()
+    shown = io.read_image(out / "city_spheres.png")
+    assert shown.shape == spheres.shape
+    assert shown.std() > 0.1
+
+
+def test_a_person_reads_a_table_and_the_reasons(tmp_path):
+    finished = shell("light", "--out", tmp_path, "--size", 32)
+    assert finished.returncode == 0, finished.stderr
+    for words in (
+        "L_lm",
+        "irradiance_error",
+        "recovered_error",
+        "One view",
+        "written:",
+    ):
+        assert words in finished.stdout
+    assert finished.stderr == ""
+
+
+def test_quiet_prints_nothing(tmp_path):
+    finished = shell("light", "--out", tmp_path, "--size", 16, "--quiet")
+    assert (finished.returncode, finished.stdout, finished.stderr) == (0, "", "")
+
+
+def test_several_maps_and_a_bad_one(tmp_path):
+    io.write_image(tmp_path / "a.exr", np.ones((8, 16, 3), np.float32))
+    io.write_image(tmp_path / "grey.exr", np.ones((32, 32, 1), np.float32))
+    (tmp_path / "bad.hdr").write_bytes(b"rubbish")
+    names = ["a.exr", "bad.hdr", "grey.exr"]
+    out = tmp_path / "new" / "folder"
+    finished = shell(
+        "light",
+        *names,
+        "--out",
+        out,
+        "--json",
+        "--size",
+        16,
+        "--l-max",
+        1,
+        cwd=tmp_path,
+    )
+    assert finished.returncode == 2
+    assert finished.stderr.startswith("shjax: bad.hdr: ")
+    assert finished.stderr.count("\n") == 1
+    first, second = (json.loads(line) for line in finished.stdout.splitlines())
+    assert np.array(first["coefficients"]).shape == (4, 3)
+    assert np.array(second["coefficients"]).shape == (4, 1)
+    assert second["report"]["layout"] == "angular"
+    assert (out / "grey_lighting.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["light", "missing.exr", "--out", "x"], "missing.exr"),
+        (["light"], "--out"),
+        (["light", "--out", "x", "--l-max", "many"], "--l-max"),
+        (["light", "a/b.exr", "c/b.exr", "--out", "x"], "named b"),
+        (["dark"], "dark"),
+    ],
+)
+def test_errors_are_one_line_and_status_two(tmp_path, arguments, words):
+    finished = shell(*arguments, cwd=tmp_path)
+    assert finished.returncode == 2
+    assert finished.stdout == ""
+    assert finished.stderr.count("\n") == 1
+    assert words in finished.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_and_version():
+    assert shell("--version").stdout.strip() == f"shjax, version {shjax.__version__}"
+    text = shell("light", "--help").stdout
+    for words in ("Usage:", "--l-max", "--json", "--quiet", "Examples:"):
+        assert words in text
+
+
+def test_too_small_a_map_is_refused_with_the_number_needed(tmp_path):
+    io.write_image(tmp_path / "tiny.exr", np.ones((4, 8, 3), np.float32))
+    with pytest.raises(ValueError, match="at least 2 l_max [+] 1 = 5 rows"):
+        run(tmp_path / "tiny.exr", tmp_path / "out")
+
+
+def test_a_black_map_gives_no_nan(tmp_path):
+    io.write_image(tmp_path / "black.exr", np.zeros((8, 16, 3), np.float32))
+    result = run(tmp_path / "black.exr", tmp_path / "out", size=16)
+    assert result["recovered_error"] == {"self": 0, "exact": 0}
+    assert result["irradiance_error"]["max"] == 0

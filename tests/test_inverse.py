@@ -1,0 +1,255 @@
+"""Lighting from pictures that another code path made: the exact integral, Mitsuba."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import shjax
+from shjax import render
+from tests.helpers import check_gradients, relative_error, unit_vectors
+
+MITSUBA_AXES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # (x, y, z) = (z, x, y)_M
+
+
+@pytest.fixture
+def plain(rng, dtype):
+    """A lighting of degree 2 and normals over the whole sphere with exact irradiance.
+
+    The radiance comes from the polynomial in the normal, not from the estimator's basis.
+    """
+    lighting = rng.normal(size=(9, 3))
+    lighting[0] += 4
+    normals = unit_vectors(rng, 400)
+    truth = shjax.irradiance_polynomial(jnp.asarray(lighting), jnp.asarray(normals))
+    return lighting, normals.astype(dtype), np.asarray(truth / np.pi).astype(dtype)
+
+
+def test_recovers_the_light_of_a_plain_picture(plain, dtype):
+    lighting, normals, image = plain
+    estimate = shjax.estimate_lighting(image, normals)
+    assert relative_error(estimate.value, lighting) < 1000 * np.finfo(dtype).eps
+    assert estimate.ok
+    assert estimate.value.dtype == dtype
+    assert estimate.null_space.shape == (0, 9)
+    assert np.all(estimate.prior_fraction == 0)
+    assert "9 of 9" in estimate.message
+    assert int(estimate.steps) > 0
+
+
+def test_equals_numpys_least_squares(plain, rng):
+    _lighting, normals, image = plain
+    noisy = image + 0.1 * rng.normal(size=image.shape).astype(image.dtype)
+    weights = rng.uniform(0.2, 1, 400).astype(image.dtype)
+    albedo = rng.uniform(0.3, 0.9, (400, 1)).astype(image.dtype)
+    estimate = shjax.estimate_lighting(
+        noisy * albedo, normals, mask=weights, albedo=albedo
+    )
+    gains = np.repeat([np.pi, 2 * np.pi / 3, np.pi / 4], [1, 3, 5]) / np.pi
+    basis = np.asarray(shjax.basis(normals, l_max=2), float) * gains
+    root = np.sqrt(weights.astype(float))[:, None]
+    truth = np.linalg.lstsq(basis * albedo * root, noisy * albedo * root, rcond=None)[0]
+    assert relative_error(estimate.value, truth) < 2e-5
+    values = np.linalg.svd(basis * albedo * root, compute_uv=False)
+    np.testing.assert_allclose(estimate.singular_values, values, rtol=1e-4)
+    residual = np.linalg.norm((noisy * albedo - basis * albedo @ truth) * root, axis=0)
+    np.testing.assert_allclose(estimate.residual_norm, residual, rtol=1e-4)
+
+
+def test_covariance_is_the_scatter_of_the_estimates(plain, rng):
+    _, normals, image = plain
+    draws = np.stack(
+        [
+            np.asarray(
+                shjax.estimate_lighting(
+                    image
+                    + np.float32(0.05)
+                    * rng.normal(size=image.shape).astype(image.dtype),
+                    normals,
+                    noise=0.05,
+                ).value
+            )
+            for _ in range(400)
+        ]
+    )
+    estimate = shjax.estimate_lighting(image, normals, noise=0.05)
+    predicted = np.sqrt(
+        np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2)
+    ).T
+    # The standard deviation of a standard deviation from 400 draws is 3.5 %.
+    np.testing.assert_allclose(draws.std(axis=0), predicted, rtol=0.16)
+
+
+def test_noise_is_estimated_from_the_residual(plain, rng):
+    _, normals, image = plain
+    noisy = image + 0.2 * rng.normal(size=image.shape).astype(image.dtype)
+    known = np.asarray(shjax.estimate_lighting(noisy, normals, noise=0.2).covariance)
+    found = np.asarray(shjax.estimate_lighting(noisy, normals).covariance)
+    np.testing.assert_allclose(np.sqrt(found / known), 1, rtol=0.12)
+
+
+def test_albedo_per_channel(plain):
+    lighting, normals, image = plain
+    albedo = np.array([0.9, 0.5, 0.1], image.dtype)
+    estimate = shjax.estimate_lighting(image * albedo, normals, albedo=albedo)
+    assert relative_error(estimate.value, lighting) < 1e-4
+
+
+def test_any_leading_shape_and_masked_rubbish(plain):
+    lighting, normals, image = plain
+    image, normals = image.reshape(20, 20, 3).copy(), normals.reshape(20, 20, 3).copy()
+    mask = np.ones((20, 20), bool)
+    image[3, 4], mask[3, 4] = np.nan, False
+    normals[5, 6], image[5, 6] = 0, 1e6  # nothing is seen there
+    with jax.debug_nans(False):
+        estimate = shjax.estimate_lighting(image, normals, mask=mask)
+    assert relative_error(estimate.value, lighting) < 1e-4
+
+
+def test_odd_degrees_are_said_to_be_invisible(plain):
+    lighting, normals, image = plain
+    estimate = shjax.estimate_lighting(image, normals, l_max=4)
+    assert relative_error(estimate.value[:9], lighting) < 1e-4
+    assert estimate.null_space.shape == (7, 25)  # the degree 3
+    np.testing.assert_array_equal(estimate.prior_fraction[9:16] > 0.99, True)
+    assert not estimate.ok
+    assert "18 of 25" in estimate.message
+    assert "7 left at 0" in estimate.message
+
+
+def test_one_normal_determines_one_number(dtype):
+    normals = np.tile(np.array([0, 0, 1], dtype), (30, 1))
+    estimate = shjax.estimate_lighting(np.ones((30, 1), dtype), normals)
+    assert not estimate.ok
+    assert estimate.null_space.shape == (8, 9)
+    assert np.all(np.isfinite(np.asarray(estimate.value)))
+    relit = shjax.irradiance(estimate.value, normals[0]) / np.pi
+    assert float(relit[0]) == pytest.approx(1, rel=1e-5)
+
+
+def test_fewer_pixels_than_unknowns(dtype, rng):
+    normals = unit_vectors(rng, 4).astype(dtype)
+    estimate = shjax.estimate_lighting(np.ones((4, 2), dtype), normals)
+    assert estimate.null_space.shape == (5, 9)
+    assert np.all(np.isfinite(np.asarray(estimate.covariance)))
+
+
+def test_an_empty_mask_determines_nothing(plain):
+    _, normals, image = plain
+    estimate = shjax.estimate_lighting(image, normals, mask=np.zeros(400))
+    assert not estimate.ok
+    assert estimate.message.startswith("nothing is determined")
+
+
+def test_condition_numbers_of_the_whole_and_half_sphere():
+    normals = shjax.sphere.fibonacci_directions(4000)
+    image = np.ones((4000, 1))
+    whole = shjax.estimate_lighting(image, normals)
+    assert whole.condition_number == pytest.approx(4, rel=0.02)  # Ahat_0 / Ahat_2
+    front = shjax.estimate_lighting(image, normals, mask=normals[:, 0] > 0.2)
+    assert 30 < front.condition_number < 70
+
+
+@pytest.mark.usefixtures("as_a_user")
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"normals": np.ones((4, 3))}, "normals must have shape"),
+        ({"normals": np.full((5, 3), 0.9)}, "unit length"),
+        ({"mask": np.ones(4)}, "mask must have shape"),
+        ({"mask": -np.ones(5)}, "mask must not be negative"),
+        ({"image": np.full((5, 1), np.nan)}, "image must be finite"),
+        ({"albedo": np.ones((4, 1))}, "albedo must be a number or broadcast"),
+        ({"noise": np.ones(3)}, "noise must be"),
+        ({"l_max": -1}, "l_max"),
+    ],
+)
+def test_wrong_arguments_are_refused(change, message):
+    up = np.tile([0.0, 0, 1], (5, 1))
+    arguments = {"image": np.ones((5, 1)), "normals": up} | change
+    with pytest.raises(ValueError, match=message):
+        shjax.estimate_lighting(**arguments)
+
+
+def test_jit_and_vmap(plain):
+    _, normals, image = plain
+    one = jax.jit(lambda i: shjax.estimate_lighting(i, normals).value)(image)
+    both = jax.vmap(lambda i: shjax.estimate_lighting(i, normals).value)(
+        jnp.stack([image, 2 * image])
+    )
+    assert relative_error(both[1], 2 * one) < 1e-5
+
+
+@pytest.mark.x64
+def test_gradient_of_the_estimate(plain, rng):
+    _, normals, image = plain
+    noisy = jnp.asarray(image[:40] + 0.1 * rng.normal(size=(40, 3)))
+    albedo = jnp.asarray(rng.uniform(0.4, 1, (40, 3)))
+    some = jnp.asarray(normals[:40])
+    check_gradients(
+        lambda i, a: shjax.estimate_lighting(i, some, albedo=a).value,
+        noisy,
+        albedo,
+        tolerance=1e-6,
+    )
+
+
+@pytest.mark.x64
+@pytest.mark.parametrize(
+    ("env", "plain_error"),
+    [("real_city", 0.150), ("real_sunset", 0.104), ("real_night", 0.173)],
+)
+def test_a_picture_by_another_renderer(data, env, plain_error):
+    renders = data / "renders"
+    image = shjax.io.read_image(renders / f"lambert/sphere_{env}_front.exr").astype(
+        float
+    )
+    normals = shjax.io.read_image(renders / "aov/sphere_front_normal.exr").astype(float)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals = np.where(length > 0, normals / np.where(length > 0, length, 1), 0)
+    mask = normals[..., 2] > 0.2  # edge pixels are not of one normal
+    estimate = shjax.estimate_lighting(image, normals @ MITSUBA_AXES.T, mask=mask)
+    truth = mitsuba_lighting(renders / f"envs/{env}.exr")
+    error = relative_error(estimate.value, truth)
+    assert error == pytest.approx(plain_error, abs=0.02)
+    # Plain least squares by another route, in Mitsuba's axes.
+    x, y, z = normals[mask].T
+    c = [0.282095, 0.488603, 1.092548, 0.315392, 0.546274]
+    design = np.stack(
+        [
+            c[0] + 0 * x, 2 / 3 * c[1] * x, 2 / 3 * c[1] * y, 2 / 3 * c[1] * z,
+            c[2] * z * x / 4, c[2] * x * y / 4, c[3] * (3 * y * y - 1) / 4,
+            c[2] * z * y / 4, c[4] * (z * z - x * x) / 4,
+        ],
+        axis=-1,
+    )  # fmt: skip
+    other = np.linalg.lstsq(design, image[mask], rcond=None)[0]
+    assert relative_error(estimate.value, other) < 1e-5
+
+
+def mitsuba_lighting(path):
+    """Coefficients of an environment whose rows reach from pole to pole."""
+    image = shjax.io.read_image(path).astype(float)
+    height, width, _ = image.shape
+    theta = np.pi * np.arange(height) / (height - 1)
+    u = 2 * np.pi * (np.arange(width) + 0.5) / width
+    sine = np.sin(theta)[:, None]
+    parts = (np.sin(u) * sine, np.cos(theta)[:, None], -np.cos(u) * sine)
+    directions = np.stack(np.broadcast_arrays(*parts), axis=-1) @ MITSUBA_AXES.T
+    edges = np.clip((np.arange(height + 1) - 0.5) / (height - 1), 0, 1) * np.pi
+    weights = np.repeat(-np.diff(np.cos(edges)) * 2 * np.pi / width, width)
+    flat = (image.reshape(-1, 3), directions.reshape(-1, 3), weights)
+    return np.asarray(shjax.project_samples(*flat, l_max=2))
+
+
+def test_light_of_the_exact_sphere_is_biased_by_one_view(data):
+    envmap = shjax.io.read_envmap(data / "hdri" / "sunset.exr").to_latlong(64)
+    ball = render.sphere(48)
+    samples = [jnp.asarray(part, np.float32) for part in envmap.samples()]
+    picture = render.lambertian_reference(ball, *samples)
+    normals = jnp.asarray(ball.normals, picture.dtype)
+    estimate = shjax.estimate_lighting(
+        picture, normals, mask=np.asarray(ball.mask) == 1
+    )
+    error = relative_error(estimate.value, envmap.lighting(l_max=2))
+    assert 0.01 < error < 0.6

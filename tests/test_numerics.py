@@ -1,0 +1,114 @@
+"""What every public numeric function keeps: jit, vmap, types, both modes, finiteness."""
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import shjax
+from shjax import render
+from shjax.sphere import normalize
+from tests.helpers import relative_error
+
+
+@dataclasses.dataclass
+class Case:
+    """A function of the arrays drawn by ``shapes``; unit vectors where named so."""
+
+    function: Callable
+    shapes: tuple[tuple[int, ...], ...]
+    units: tuple[int, ...] = ()
+    batched: bool = True  # whether the first argument takes leading batch axes itself
+
+
+CASES = {
+    "analyze": Case(lambda r: shjax.analyze(r, l_max=2), ((6, 7, 3),)),
+    "synthesize": Case(lambda c: shjax.synthesize(c, n_theta=4, n_phi=5), ((9, 3),)),
+    "evaluate": Case(shjax.evaluate, ((9, 3), (6, 3)), (1,)),
+    "basis": Case(lambda d: shjax.basis(d, l_max=3), ((6, 3),), (0,)),
+    "project_samples": Case(
+        lambda r, d, w: shjax.project_samples(r, d, w, l_max=2),
+        ((8, 3), (8, 3), (8,)),
+        (1,),
+    ),
+    "rotate": Case(lambda c, v: shjax.rotate(c, jnp.linalg.qr(v)[0]), ((9, 3), (3, 3))),
+    "scale_degrees": Case(shjax.scale_degrees, ((9, 3), (3,))),
+    "irradiance_coefs": Case(shjax.irradiance_coefs, ((9, 3),)),
+    "irradiance": Case(shjax.irradiance, ((9, 3), (6, 3)), (1,)),
+    "irradiance_matrix": Case(shjax.irradiance_matrix, ((9, 3),)),
+    "irradiance_from_matrix": Case(
+        shjax.irradiance_from_matrix, ((4, 4, 3), (6, 3)), (1,)
+    ),
+    "irradiance_polynomial": Case(shjax.irradiance_polynomial, ((9, 3), (6, 3)), (1,)),
+    "reference_irradiance": Case(
+        shjax.reference_irradiance, ((6, 8, 3), (5, 3)), (1,), batched=False
+    ),
+    "lambertian": Case(
+        lambda light, n: render.lambertian(render.make_gbuffer(n), light),
+        ((9, 3), (4, 5, 3)),
+        (1,),
+        batched=False,
+    ),
+    "estimate_lighting": Case(
+        lambda i, n: shjax.estimate_lighting(i, normalize(n)).value,
+        ((40, 3), (40, 3)),
+        (1,),
+        batched=False,
+    ),
+}
+
+pytestmark = pytest.mark.parametrize("name", CASES)
+
+
+def draw(case, rng, dtype, batch=()):
+    arrays = []
+    for place, shape in enumerate(case.shapes):
+        values = rng.normal(size=(*(batch if place == 0 else ()), *shape))
+        if place in case.units:
+            values /= np.linalg.norm(values, axis=-1, keepdims=True)
+        arrays.append(jnp.asarray(values, dtype))
+    return arrays
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_type_in_is_type_out(name, kind, rng, dtype):
+    if np.dtype(kind) == dtype or kind == np.float32:
+        assert CASES[name].function(*draw(CASES[name], rng, kind)).dtype == kind
+
+
+def test_jit_changes_nothing(name, rng, dtype):
+    arrays = draw(CASES[name], rng, dtype)
+    plain = CASES[name].function(*arrays)
+    jitted = jax.jit(CASES[name].function)(*arrays)
+    assert relative_error(jitted, plain) < 1000 * np.finfo(dtype).eps
+
+
+def test_vmap_is_a_loop(name, rng, dtype):
+    case = CASES[name]
+    first, *others = draw(case, rng, dtype, batch=(3,))
+    axes = (0, *(None for _ in others))
+    mapped = jax.vmap(case.function, in_axes=axes)(first, *others)
+    loop = jnp.stack([case.function(one, *others) for one in first])
+    assert relative_error(mapped, loop) < 1000 * np.finfo(dtype).eps
+    if case.batched:
+        whole = case.function(first, *others)
+        assert relative_error(whole, loop) < 1000 * np.finfo(dtype).eps
+
+
+def test_both_modes_agree_and_are_finite(name, rng, dtype):
+    case = CASES[name]
+    arrays = draw(case, rng, dtype)
+    tangents = draw(case, rng, dtype)
+    value, forward = jax.jvp(case.function, arrays, tangents)
+    _, pullback = jax.vjp(case.function, *arrays)
+    cotangent = jnp.asarray(rng.normal(size=value.shape), dtype)
+    gradients = pullback(cotangent)
+    left = float(jnp.vdot(cotangent, forward))
+    right = sum(float(jnp.vdot(g, t)) for g, t in zip(gradients, tangents, strict=True))
+    scale = float(jnp.linalg.norm(cotangent) * jnp.linalg.norm(forward))
+    assert np.isfinite(scale)
+    assert scale > 1e-3
+    assert abs(left - right) < 1e4 * np.finfo(dtype).eps * scale
