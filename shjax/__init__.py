@@ -13,16 +13,20 @@ import importlib
 from typing import TYPE_CHECKING
 
 from shjax import render as render
+from shjax.conventions import convert as convert
 from shjax.envmap import EnvironmentMap as EnvironmentMap
 from shjax.envmap import make_envmap as make_envmap
 from shjax.harmonics import analyze as analyze
 from shjax.harmonics import basis as basis
 from shjax.harmonics import evaluate as evaluate
+from shjax.harmonics import multiply as multiply
+from shjax.harmonics import power_spectrum as power_spectrum
 from shjax.harmonics import project_samples as project_samples
 from shjax.harmonics import rotate as rotate
 from shjax.harmonics import scale_degrees as scale_degrees
 from shjax.harmonics import spread as spread
 from shjax.harmonics import synthesize as synthesize
+from shjax.harmonics import wigner_d as wigner_d
 from shjax.irradiance import clamped_cosine_coefs as clamped_cosine_coefs
 from shjax.irradiance import cosine_kernel as cosine_kernel
 from shjax.irradiance import irradiance as irradiance
@@ -35,6 +39,8 @@ from shjax.irradiance import reference_irradiance as reference_irradiance
 from shjax.irradiance import (
     reference_irradiance_samples as reference_irradiance_samples,
 )
+from shjax.windows import dering as dering
+from shjax.windows import window as window
 
 if TYPE_CHECKING:
     from shjax import inverse as inverse

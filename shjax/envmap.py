@@ -73,14 +73,21 @@ class EnvironmentMap:
     image: Float[Array, "H W C"]
     report: Report
 
-    def lighting(self, *, l_max: int) -> Float[jax.Array, "K C"]:
+    def lighting(
+        self, *, l_max: int, quadrature: str = "fejer"
+    ) -> Float[jax.Array, "K C"]:
         """Radiance coefficients, ``((l_max + 1)^2, C)``.
 
+        Args:
+            l_max: Highest degree, inclusive.
+            quadrature: For a lat-long map, as in :func:`shjax.analyze`.
+
         Raises:
-            ValueError: If a lat-long map has fewer than ``2 l_max + 1`` rows or columns.
+            ValueError: If a lat-long map has fewer than ``2 l_max + 1`` rows or columns
+                and the quadrature is not ``"pixel"``.
         """
         if self.layout == "latlong":
-            return analyze(self.radiance, l_max=l_max)
+            return analyze(self.radiance, l_max=l_max, quadrature=quadrature)
         return project_samples(*self.samples(), l_max=l_max)
 
     def samples(self) -> tuple[Array, np.ndarray, np.ndarray]:

@@ -29,7 +29,7 @@ from shjax.sphere import fibonacci_directions, latlong_directions
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec. 709
 
 
-def cosine_kernel(l_max: int) -> Float[Array, " L"]:
+def cosine_kernel(l_max: int) -> Float[jax.Array, " L"]:
     """Gains of the clamped cosine, ``Ahat_l``: pi, 2 pi / 3, pi / 4, 0, ... [RH01, Eq. 8].
 
     Irradiance coefficients are ``E_lm = Ahat_l L_lm``. The factorials of the paper are
@@ -60,7 +60,7 @@ def cosine_kernel_table(l_max: int) -> np.ndarray:
     return kernel
 
 
-def clamped_cosine_coefs(l_max: int) -> Float[Array, " L"]:
+def clamped_cosine_coefs(l_max: int) -> Float[jax.Array, " L"]:
     """Expansion of max(cos t, 0) in Y_l0: ``A_l = sqrt((2l + 1) / 4 pi) Ahat_l`` [T4, 4.9].
 
     Not the convolution gains: those are :func:`cosine_kernel`.
@@ -79,7 +79,7 @@ def clamped_cosine_coefs(l_max: int) -> Float[Array, " L"]:
 @jax.jit
 def irradiance_coefs(
     lighting: Float[Array, "*batch K C"],
-) -> Float[Array, "*batch K C"]:
+) -> Float[jax.Array, "*batch K C"]:
     """Convolve distant lighting with the clamped cosine [T4, Eq. 4.8].
 
     Args:
@@ -98,7 +98,7 @@ def irradiance_coefs(
 @jax.jit
 def irradiance(
     lighting: Float[Array, "*batch K C"], normals: Float[Array, "*points 3"]
-) -> Float[Array, "*batch_points C"]:
+) -> Float[jax.Array, "*batch_points C"]:
     """Irradiance at unit normals, by convolution, at any degree [T4, Eq. 4.10].
 
     Args:
@@ -122,7 +122,7 @@ def irradiance(
 @jax.jit
 def irradiance_matrix(
     lighting: Float[Array, "*batch K C"],
-) -> Float[Array, "*batch 4 4 C"]:
+) -> Float[jax.Array, "*batch 4 4 C"]:
     """The symmetric M with ``E(n) = [n 1] M [n 1]^T`` [RH01, Eqs. 11-12; T4, 4.15].
 
     Args:
@@ -149,7 +149,7 @@ def irradiance_matrix(
 @jax.jit
 def irradiance_from_matrix(
     matrix: Float[Array, "*batch 4 4 C"], normals: Float[Array, "*points 3"]
-) -> Float[Array, "*batch_points C"]:
+) -> Float[jax.Array, "*batch_points C"]:
     """``[n 1] M [n 1]^T`` [RH01, Eq. 11].
 
     Args:
@@ -182,7 +182,7 @@ def irradiance_from_matrix(
 @jax.jit
 def irradiance_polynomial(
     lighting: Float[Array, "*batch K C"], normals: Float[Array, "*points 3"]
-) -> Float[Array, "*batch_points C"]:
+) -> Float[jax.Array, "*batch_points C"]:
     """The quadratic polynomial in the normal, written out [RH01, Eq. 13; T4, 4.16].
 
     Args:
@@ -233,7 +233,7 @@ def _matrix_constants() -> tuple[float, ...]:
 
 def reference_irradiance(
     radiance: Float[Array, "n_theta n_phi C"], normals: Float[Array, "*points 3"]
-) -> Float[Array, "*points C"]:
+) -> Float[jax.Array, "*points C"]:
     """The integral over every pixel of a lat-long panorama, the truth for errors.
 
     Args:
@@ -267,7 +267,7 @@ def reference_irradiance_samples(
     *,
     tile: int = 512,
     block: int = 1024,
-) -> Float[Array, "*points C"]:
+) -> Float[jax.Array, "*points C"]:
     """The integral ``sum_n w_n L_n max(n.d_n, 0)`` over samples at any directions.
 
     Works on tiles of normals by blocks of samples, so the cosines of one tile and block
@@ -326,7 +326,7 @@ def _in_blocks(rows: jax.Array, size: int) -> jax.Array:
     return jnp.pad(rows, padding).reshape(-1, size, *rows.shape[1:])
 
 
-def luminance(values: Float[Array, "*batch C"]) -> Float[Array, "*batch"]:
+def luminance(values: Float[Array, "*batch C"]) -> Float[jax.Array, "*batch"]:
     """Rec. 709 luminance of RGB, or the mean of any other number of channels."""
     channels = values.shape[-1]
     weights = LUMINANCE if channels == 3 else (1 / channels,) * channels

@@ -208,7 +208,7 @@ def _hit_sphere(origins: jax.Array, directions: jax.Array):
 @jax.jit
 def lambertian(
     gbuffer: GBuffer, lighting: Float[Array, "K C"]
-) -> Float[Array, "H W C"]:
+) -> Float[jax.Array, "H W C"]:
     """Radiance ``albedo / pi * E(n)`` of a matte object, over a black background.
 
     Args:
@@ -229,7 +229,7 @@ def lambertian_reference(
     radiance: Float[Array, "N C"],
     directions: Float[Array, "N 3"],
     weights: Float[Array, " N"],
-) -> Float[Array, "H W C"]:
+) -> Float[jax.Array, "H W C"]:
     """The same by the exact integral over the light's pixels.
 
     Args:

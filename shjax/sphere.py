@@ -91,3 +91,16 @@ def fibonacci_directions(n: int) -> np.ndarray:
     z = 1 - (2 * np.arange(n) + 1) / n
     golden = np.pi * (3 - np.sqrt(5.0))
     return spherical_directions(np.arccos(z), golden * np.arange(n))
+
+
+def yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> np.ndarray:
+    """The rotation of a light, ``(3, 3)``, float64, from three angles in radians.
+
+    Applied in the order roll, pitch, yaw: roll about the panorama's centre (+x),
+    clockwise as seen from inside; pitch raises the centre; yaw turns it to the left.
+    """
+    (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    about_y = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return about_z @ about_y @ about_x

@@ -23,9 +23,11 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line; errors are one line on standard error."""
+    from shjax.cli.convert import convert
     from shjax.cli.light import light
 
     cli.add_command(light)
+    cli.add_command(convert)
     try:
         status = cli.main(standalone_mode=False)
     except click.ClickException as error:

@@ -9,9 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
+import jax
 import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
+from rich.padding import Padding
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -23,11 +25,13 @@ from rich.table import Table
 
 import shjax
 from shjax import io, render
+from shjax.cli.options import rotate_option, window_option
 from shjax.display import show_difference, tone_map
 from shjax.envmap import EnvironmentMap
 from shjax.harmonics.degrees import degrees, orders
 from shjax.io.envmaps import INVALID_CHOICES
 from shjax.layouts import LAYOUTS
+from shjax.windows import apply_window
 
 SCHEMA = "shjax.light/1"
 FRAME = (
@@ -66,6 +70,8 @@ STEPS = 5
     type=click.Choice(INVALID_CHOICES),
     help="What to do with NaN, infinite and negative pixels.",
 )  # fmt: skip
+@rotate_option
+@window_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per ENV.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def light(
@@ -75,6 +81,8 @@ def light(
     size: int,
     layout: str,
     invalid: str,
+    rotate: np.ndarray | None,
+    window: str,
     as_json: bool,
     quiet: bool,
 ) -> int:
@@ -109,7 +117,7 @@ def light(
             try:
                 result = run(
                     path, out, l_max=l_max, size=size, layout=layout, invalid=invalid,
-                    step=step,
+                    rotation=rotate, window=window, step=step,
                 )  # fmt: skip
             except (ValueError, OSError) as error:
                 if len(paths) == 1:
@@ -132,6 +140,8 @@ def run(
     size: int = 192,
     layout: str = "auto",
     invalid: str = "error",
+    rotation: np.ndarray | None = None,
+    window: str = "none",
     step: Callable[[str], None] = lambda what: None,
 ) -> dict:
     """The whole job for one file; writes into ``out`` and returns what it found.
@@ -143,6 +153,8 @@ def run(
         size: Side of each sphere, pixels.
         layout: As in :func:`shjax.io.read_envmap`.
         invalid: As in :func:`shjax.io.read_envmap`.
+        rotation: Turns the light; ``(3, 3)``.
+        window: A name in :data:`shjax.windows.NAMES`.
         step: Called with a few words at the start of each part.
 
     Raises:
@@ -152,10 +164,16 @@ def run(
     step("reading")
     envmap = io.read_envmap(path, layout=layout, invalid=invalid)
     step("coefficients")
-    lighting = envmap.lighting(l_max=l_max)
-    nine = lighting[:9] if l_max >= 2 else envmap.lighting(l_max=2)
+    whole, quadrature = light_of(envmap, max(l_max, 2), rotation)
+    nine = whole[:9]
+    lighting = apply_window(whole[: (l_max + 1) ** 2], window)
     step("exact irradiance of 4000 normals")
-    samples = [jnp.asarray(part, lighting.dtype) for part in envmap.samples()]
+    radiance, directions, weights = envmap.samples()
+    if rotation is not None:
+        directions = directions @ rotation.T
+    samples = [
+        jnp.asarray(part, lighting.dtype) for part in (radiance, directions, weights)
+    ]
     error = shjax.irradiance_error(lighting, *samples)
     step("exact sphere")
     ball = render.sphere(size)
@@ -172,6 +190,8 @@ def run(
         "source": str(path),
         "report": dataclasses.asdict(envmap.report),
         "l_max": l_max,
+        "quadrature": quadrature,
+        "window": window,
         "frame": FRAME,
         "basis": BASIS,
         "units": UNITS,
@@ -195,6 +215,26 @@ def run(
     spheres = (np.asarray(render.lambertian(ball, lighting)), np.asarray(exact))
     result["files"] = _write(out, path.stem, result, envmap, lighting, spheres)
     return result
+
+
+def light_of(
+    envmap: EnvironmentMap, l_max: int, rotation: np.ndarray | None
+) -> tuple[jax.Array, str]:
+    """Coefficients of a map, turned, and by which quadrature.
+
+    A lat-long map too small for the degree is taken as constant over each pixel.
+    """
+    rows, columns = envmap.image.shape[:2]
+    small = envmap.layout == "latlong" and min(rows, columns) < 2 * l_max + 1
+    quadrature = "pixel" if small else "fejer"
+    if envmap.layout != "latlong":
+        quadrature = "pixel centres, exact solid angles"
+        lighting = envmap.lighting(l_max=l_max)
+    else:
+        lighting = envmap.lighting(l_max=l_max, quadrature=quadrature)
+    if rotation is not None:
+        lighting = shjax.rotate(lighting, rotation)
+    return lighting, quadrature
 
 
 def _relative_error(value, truth) -> float:
@@ -272,6 +312,11 @@ def _progress(quiet: bool) -> Progress:
 def _print(console: Console, result: dict) -> None:
     report = result["report"]
     console.print(f"[bold]{report['source']}[/]  {_report_line(report)}")
+    if result["quadrature"] == "pixel":
+        console.print(
+            f"  fewer than {2 * max(result['l_max'], 2) + 1} rows or columns: taken as "
+            "constant over each pixel (quadrature 'pixel')"
+        )
     table = Table(title="Lighting coefficients L_lm", title_justify="left")
     coefs = result["coefficients"]
     names = ("R", "G", "B") if len(coefs[0]) == 3 else range(len(coefs[0]))
@@ -296,15 +341,16 @@ def _print(console: Console, result: dict) -> None:
         )
     console.print(
         f"[bold]recovered_error[/]   self {recovered['self']:.1e}, "
-        f"exact {recovered['exact']:.1%}\n"
-        "  self: nine numbers from the sphere that nine numbers drew, a check of the "
-        "code.\n"
-        "  exact: from the exact sphere, as from a photograph. One view shows half the "
-        "normals,\n"
-        "  where light of degree 4, 6, ... looks like degrees 0 to 2; "
-        f"{result['recovered']['message']}.\n"
+        f"exact {recovered['exact']:.1%}"
     )
-    console.print("written:")
+    for paragraph in (
+        "self: nine numbers from the sphere that nine numbers drew, a check of the code.",
+        "exact: from the exact sphere, as from a photograph. One view shows half the "
+        "normals, where light of degree 4, 6, ... looks like degrees 0 to 2; "
+        f"{result['recovered']['message']}.",
+    ):
+        console.print(Padding(paragraph, (0, 0, 0, 2)), highlight=False)
+    console.print("\nwritten:")
     for name in result["files"].values():
         console.print(f"  {name}", highlight=False)
 

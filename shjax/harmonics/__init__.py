@@ -15,6 +15,9 @@ from shjax.harmonics.degrees import spread as spread
 from shjax.harmonics.evaluation import basis as basis
 from shjax.harmonics.evaluation import evaluate as evaluate
 from shjax.harmonics.rotation import rotate as rotate
+from shjax.harmonics.spectrum import multiply as multiply
+from shjax.harmonics.spectrum import power_spectrum as power_spectrum
 from shjax.harmonics.transforms import analyze as analyze
 from shjax.harmonics.transforms import project_samples as project_samples
 from shjax.harmonics.transforms import synthesize as synthesize
+from shjax.harmonics.wigner import wigner_d as wigner_d

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -65,7 +66,7 @@ def orders(l_max: int) -> np.ndarray:
     return np.arange(num_coefs(l_max)) - l * (l + 1)
 
 
-def spread(gains: Float[Array, "*batch L"]) -> Float[Array, "*batch K"]:
+def spread(gains: Float[Array, "*batch L"]) -> Float[jax.Array, "*batch K"]:
     """Repeat per-degree gains over the orders of each degree.
 
     Args:
@@ -79,7 +80,7 @@ def spread(gains: Float[Array, "*batch L"]) -> Float[Array, "*batch K"]:
 
 def scale_degrees(
     coefs: Float[Array, "*batch K C"], gains: Float[Array, " L"]
-) -> Float[Array, "*batch K C"]:
+) -> Float[jax.Array, "*batch K C"]:
     """Multiply each degree by its gain: a convolution with a radial kernel.
 
     Args:

@@ -1,4 +1,4 @@
-"""Float64 tables behind the transforms: Legendre functions, rings, azimuth, degrees.
+"""Float64 tables behind the transforms: rings, azimuth, degrees.
 
 All are NumPy, computed once, cached and read-only; they are cast to the data's type at
 the point of use.
@@ -19,9 +19,11 @@ import numpy as np
 
 from shjax.harmonics.degrees import degrees, orders
 from shjax.harmonics.grid import Grid
+from shjax.harmonics.legendre import legendre
+from shjax.sphere import latlong_phi
 
 
-def _cached(function):
+def cached(function):
     """Cache a function of hashable arguments that returns arrays; make them read-only."""
 
     @functools.lru_cache(maxsize=64)
@@ -35,88 +37,91 @@ def _cached(function):
     return wrapper
 
 
-def legendre(l_max: int, m: int, z: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """Normalised associated Legendre functions ``N_lm P_lm`` of one order.
-
-    Three-term recurrence in l, stable upwards [T4, Eq. 4.3 for the norm]; no
-    Condon-Shortley phase.
-
-    Args:
-        l_max: Highest degree.
-        m: Order, 0 <= m.
-        z: cos t, ``(n,)``.
-        sine: sin t, ``(n,)``, given beside z since 1 - z^2 loses digits at the poles.
-
-    Returns:
-        ``(l_max + 1, n)``; rows below m are zero.
-    """
-    values = np.zeros((l_max + 1, *z.shape))
-    if m > l_max:
-        return values
-    steps = np.arange(1, m + 1)
-    norm = np.sqrt(np.prod((2 * steps + 1) / (2 * steps)) / (4 * np.pi))
-    values[m] = norm * sine**m
-    for l in range(m + 1, l_max + 1):
-        scale = np.sqrt((4 * l * l - 1) / (l * l - m * m))
-        lag = np.sqrt(((l - 1) ** 2 - m * m) / (4 * (l - 1) ** 2 - 1)) if l > 1 else 0
-        values[l] = scale * (z * values[l - 1] - lag * values[l - 2])
-    return values
-
-
-@_cached
-def ring_table(grid: Grid, l_max: int) -> np.ndarray:
-    """Rows ``P_00 .. P_F0, P_11 .. P_F1`` at the grid's rings, ``(2F + 1, n_theta)``."""
-    z, sine = np.cos(grid.theta), np.sin(grid.theta)
+def _two_families(l_max: int, theta: np.ndarray) -> np.ndarray:
+    """``P_00 .. P_F0, P_11 .. P_F1`` at polar angles, ``(2F + 1, n)``."""
+    z, sine = np.cos(theta), np.sin(theta)
     even, odd = legendre(l_max, 0, z, sine), legendre(l_max, 1, z, sine)
     return np.concatenate([even, odd[1:]])
 
 
-@_cached
-def azimuth_tables(n_phi: int, l_max: int) -> tuple[np.ndarray, np.ndarray]:
-    """Columns ``az_m(phi)`` for even m and for odd m, ``(n_phi, M)`` each.
+@cached
+def ring_values(grid: Grid, l_max: int) -> np.ndarray:
+    """``P_00 .. P_F0, P_11 .. P_F1`` at the grid's rings, ``(2F + 1, n_theta)``."""
+    return _two_families(l_max, grid.theta)
 
-    The order of m is that of :func:`azimuthal_orders`.
+
+@cached
+def ring_weights(grid: Grid, l_max: int) -> np.ndarray:
+    """The same times the weight of a pixel: what analysis multiplies the rows by.
+
+    By the pixel rule, their integrals over each row.
     """
-    phi = np.pi - 2 * np.pi * (np.arange(n_phi) + 0.5) / n_phi
+    theta, weights = grid.rings(l_max)
+    values = _two_families(l_max, theta.ravel()) * weights.ravel()
+    return values.reshape(2 * l_max + 1, *theta.shape).sum(axis=-1)
+
+
+def orders_of_parity(l_max: int, parity: int) -> np.ndarray:
+    """Orders 0 <= m <= l_max that are even (parity 0) or odd (parity 1)."""
+    return np.arange(parity, l_max + 1, 2)
+
+
+@cached
+def azimuth_values(n_phi: int, l_max: int) -> tuple[np.ndarray, np.ndarray]:
+    """``az_m`` and ``az_-m`` at the columns, for even m and for odd m [T4, Eq. 4.4].
+
+    Each ``(n_phi, M, 2)``; the sine of m = 0 is zero.
+    """
+    phi = latlong_phi(n_phi)
 
     def columns(parity: int) -> np.ndarray:
-        m = azimuthal_orders(l_max, parity)
-        angle = np.abs(m) * phi[:, None]
-        wave = np.where(m < 0, np.sin(angle), np.cos(angle))
-        return wave * np.where(m == 0, 1, np.sqrt(2.0))
+        m = orders_of_parity(l_max, parity)
+        angle = phi[:, None] * m
+        waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return waves * np.where(m == 0, 1, np.sqrt(2.0))[:, None]
 
     return columns(0), columns(1)
 
 
-def azimuthal_orders(l_max: int, parity: int) -> np.ndarray:
-    """Orders -l_max..l_max that are even (parity 0) or odd (parity 1)."""
-    m = np.arange(-l_max, l_max + 1)
-    return m[np.abs(m) % 2 == parity]
+@cached
+def azimuth_weights(grid: Grid, l_max: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same as analysis takes them: by the pixel rule, averaged over each pixel."""
+    even, odd = azimuth_values(grid.n_phi, l_max)
+    if not grid.rule.integrates_pixels:
+        return even, odd
+    gains = pixel_gains(grid, np.arange(l_max + 1))
+    return even * gains[0::2, None], odd * gains[1::2, None]
 
 
-@_cached
+def pixel_gains(grid: Grid, m: np.ndarray) -> np.ndarray:
+    """What averaging over a pixel's width leaves of order m: sin(x) / x, x = m pi / n."""
+    return np.sinc(m / grid.n_phi)
+
+
+@cached
 def degree_tables(l_max: int) -> tuple[np.ndarray, np.ndarray]:
     """Matrices from (k, m) to (l, m), ``(M, F + 1, F + 1)`` even and ``(M, F + 1, F)``.
 
     ``T[m, l, k] = 2 pi int N_lm P_lm N_k0 P_k0 dz`` (``P_k1`` for odd m), exact by
-    Gauss-Legendre quadrature on F + 1 nodes.
+    Fejer's rule on 2 F + 1 nodes, whose sine and cosine are known to the last digit.
     """
-    z, weights = np.polynomial.legendre.leggauss(l_max + 1)
-    sine = np.sqrt((1 - z) * (1 + z))
-    by_order = [legendre(l_max, m, z, sine) for m in range(l_max + 1)]
+    grid = Grid(2 * l_max + 1, 1)
+    z, sine, weights = np.cos(grid.theta), np.sin(grid.theta), grid.weights
 
     def convert(parity: int) -> np.ndarray:
-        ring = by_order[0] if parity == 0 else legendre(l_max, 1, z, sine)[1:]
-        m = azimuthal_orders(l_max, parity)
-        tables = [by_order[abs(k)] @ (2 * np.pi * weights * ring).T for k in m]
+        ring = legendre(l_max, parity, z, sine)[parity:]
+        ring = (weights * ring).T
+        m = orders_of_parity(l_max, parity)
+        tables = [legendre(l_max, int(k), z, sine) @ ring for k in m]
         return np.stack(tables) if tables else np.zeros((0, l_max + 1, l_max))
 
     return convert(0), convert(1)
 
 
-@_cached
+@cached
 def flat_positions(l_max: int) -> np.ndarray:
-    """Where each flat coefficient lies among (even m, then odd m) x l, ``(K,)``."""
-    ordered = np.concatenate([azimuthal_orders(l_max, 0), azimuthal_orders(l_max, 1)])
-    slot = np.argsort(ordered)  # slot[m + l_max]: where order m stands
-    return slot[orders(l_max) + l_max] * (l_max + 1) + degrees(l_max)
+    """Where each flat coefficient lies in (even m, then odd m) x l x (cos, sin)."""
+    l, m = degrees(l_max), orders(l_max)
+    size, evens = np.abs(m), l_max // 2 + 1
+    slot = size // 2 + np.where(size % 2, evens, 0)
+    return (slot * (l_max + 1) + l) * 2 + (m < 0)

@@ -1,6 +1,7 @@
 """Between radiance on a grid, or at samples, and spherical harmonic coefficients.
 
-How the sums are ordered is hidden here; ``tables`` says why theta goes first.
+Which algorithm does the work is hidden here: matrix products up to degree 128
+(``theta_first``), an FFT and scanned Legendre functions above (``phi_first``).
 """
 
 from __future__ import annotations
@@ -9,57 +10,81 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels, check_vectors
-from shjax.harmonics import tables
+from shjax.arrays import Array, as_float, check_channels
+from shjax.harmonics import phi_first, theta_first
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs
 from shjax.harmonics.evaluation import basis
-from shjax.harmonics.grid import Grid
+from shjax.harmonics.grid import Grid, check_resolution, make_grid
 
-_einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+_PRODUCTS_TO = 128  # highest degree of the matrix products
+_CHUNK_BYTES = 2**30  # a larger batch on the host goes to the device in parts
+_SAMPLES_AT_ONCE = 2**16
 
 
-@functools.partial(jax.jit, static_argnames=("l_max",))
 def analyze(
-    radiance: Float[Array, "*batch n_theta n_phi C"], *, l_max: int
-) -> Float[Array, "*batch K C"]:
+    radiance: Float[Array, "*batch n_theta n_phi C"],
+    *,
+    l_max: int,
+    quadrature: str = "fejer",
+) -> Float[jax.Array, "*batch K C"]:
     """Project a lat-long panorama on the harmonics: ``L_lm = int L Y_lm dw``.
 
-    Fejer's first rule in theta: exact for radiance of degree l when
-    ``l + l_max < n_theta`` and ``l + l_max < n_phi``.
+    Exact for radiance of degree l when ``l + l_max < n_theta`` and ``l + l_max < n_phi``
+    (Fejer's first rule on the panorama's own rows). A NumPy batch of more than 1 GiB, in
+    memory or memory-mapped, is worked through in parts.
 
     Args:
         radiance: Panorama as it is stored, W m^-2 sr^-1 or relative.
-        l_max: Highest degree, inclusive. Static.
+        l_max: Highest degree, inclusive. Static. Tuned to 128, possible to 1024.
+        quadrature: ``"fejer"``; ``"gauss-legendre"`` or ``"clenshaw-curtis"`` for
+            radiance sampled on those rings; ``"pixel"`` for radiance that is constant
+            over each pixel, at any size. Static. See
+            :class:`shjax.harmonics.grid.Grid`.
 
     Returns:
         Coefficients, shape ``(..., (l_max + 1)^2, C)``, in the panorama's type.
 
     Raises:
-        ValueError: If ``radiance`` lacks an axis, or has fewer than ``2 l_max + 1`` rows
-            or columns.
+        ValueError: If ``radiance`` lacks an axis, or the grid has too few rows or
+            columns for ``l_max`` (fewer than ``2 l_max + 1``).
 
     >>> print(f"{analyze(jnp.ones((5, 8, 1)), l_max=0)[0, 0]:.4f}")  # sqrt(4 pi)
     3.5449
     """
     check_channels("radiance", radiance.shape, "n_theta, n_phi, C", 3)
-    radiance = as_float("radiance", radiance)
-    grid = _grid_for(radiance.shape[-3], radiance.shape[-2], check_l_max(l_max))
-    one = functools.partial(_analyze_one, grid=grid, l_max=l_max)
+    l_max = check_l_max(l_max)
+    grid = make_grid(radiance.shape[-3], radiance.shape[-2], quadrature)
+    check_resolution(grid, l_max)
+    run = functools.partial(_analyze, grid=grid, l_max=l_max)
+    if isinstance(radiance, np.ndarray) and radiance.nbytes > _CHUNK_BYTES:
+        return _in_parts(run, radiance, 3)
+    return run(as_float("radiance", radiance))
+
+
+@functools.partial(jax.jit, static_argnames=("grid", "l_max"))
+def _analyze(radiance: jax.Array, *, grid: Grid, l_max: int) -> jax.Array:
+    algorithm = theta_first if l_max <= _PRODUCTS_TO else phi_first
+    one = functools.partial(algorithm.analyze, grid=grid, l_max=l_max)
     return _over_batch(one, radiance, 3)
 
 
-@functools.partial(jax.jit, static_argnames=("n_theta", "n_phi"))
 def synthesize(
-    coefs: Float[Array, "*batch K C"], *, n_theta: int, n_phi: int
-) -> Float[Array, "*batch n_theta n_phi C"]:
+    coefs: Float[Array, "*batch K C"],
+    *,
+    n_theta: int,
+    n_phi: int,
+    quadrature: str = "fejer",
+) -> Float[jax.Array, "*batch n_theta n_phi C"]:
     """Evaluate coefficients at the pixel centres of a lat-long grid.
 
     Args:
         coefs: Coefficients.
         n_theta: Rows. Static.
         n_phi: Columns. Static.
+        quadrature: Where the rings lie; see :func:`analyze`. Static.
 
     Returns:
         The panorama, ``(..., n_theta, n_phi, C)``, in the coefficients' type.
@@ -69,10 +94,14 @@ def synthesize(
             size is not positive.
     """
     l_max = degree_of_coefs(coefs.shape)
-    if n_theta < 1 or n_phi < 1:
-        raise ValueError(f"n_theta, n_phi must be positive; got {n_theta}, {n_phi}.")
-    coefs = as_float("coefs", coefs)
-    one = functools.partial(_synthesize_one, grid=Grid(n_theta, n_phi), l_max=l_max)
+    grid = make_grid(n_theta, n_phi, quadrature)
+    return _synthesize(as_float("coefs", coefs), grid=grid, l_max=l_max)
+
+
+@functools.partial(jax.jit, static_argnames=("grid", "l_max"))
+def _synthesize(coefs: jax.Array, *, grid: Grid, l_max: int) -> jax.Array:
+    algorithm = theta_first if l_max <= _PRODUCTS_TO else phi_first
+    one = functools.partial(algorithm.synthesize, grid=grid, l_max=l_max)
     return _over_batch(one, coefs, 2)
 
 
@@ -83,7 +112,7 @@ def project_samples(
     weights: Float[Array, " N"],
     *,
     l_max: int,
-) -> Float[Array, "*batch K C"]:
+) -> Float[jax.Array, "*batch K C"]:
     """Project radiance known at any directions: ``sum_n w_n L_n Y_lm(d_n)``.
 
     Args:
@@ -93,35 +122,60 @@ def project_samples(
         l_max: Highest degree, inclusive. Static.
 
     Returns:
-        Coefficients, ``(..., (l_max + 1)^2, C)``.
+        Coefficients, ``(..., (l_max + 1)^2, C)``, in the samples' type.
 
     Raises:
         ValueError: If the shapes do not fit each other.
     """
     check_channels("radiance", radiance.shape, "N, C", 2)
-    n = radiance.shape[-2]
+    n, l_max = radiance.shape[-2], check_l_max(l_max)
     if directions.shape != (n, 3):
         raise ValueError(
             f"directions must have shape ({n}, 3); got {directions.shape}."
         )
     if weights.shape != (n,):
         raise ValueError(f"weights must have shape ({n},); got {weights.shape}.")
-    check_vectors("directions", directions.shape)
     radiance = as_float("radiance", radiance)
-    functions = basis(as_float("directions", directions), l_max=l_max)
-    functions = functions.astype(radiance.dtype)
-    weighted = functions * as_float("weights", weights).astype(radiance.dtype)[:, None]
-    return _einsum("nk,...nc->...kc", weighted, radiance)
+    directions = as_float("directions", directions).astype(radiance.dtype)
+    weights = as_float("weights", weights).astype(radiance.dtype)
 
+    def project(light, towards, weight):
+        functions = basis(towards, l_max=l_max) * weight[:, None]
+        return theta_first.einsum("nk,...nc->...kc", functions, light)
 
-def _grid_for(n_theta: int, n_phi: int, l_max: int) -> Grid:
-    needed = 2 * l_max + 1
-    if n_theta < needed or n_phi < needed:
-        raise ValueError(
-            f"radiance must have at least 2 l_max + 1 = {needed} rows and columns for "
-            f"l_max={l_max}; got {n_theta} x {n_phi}."
+    size = max(_SAMPLES_AT_ONCE // (l_max + 1) ** 2, 256)
+    if n <= size:
+        return project(radiance, directions, weights)
+    # Blocks of samples, so that the basis of all of them is never stored.
+    padding = -n % size
+    light = jnp.moveaxis(radiance, -2, 0)
+    blocks = [
+        jnp.pad(a, [(0, padding)] + [(0, 0)] * (a.ndim - 1)).reshape(
+            -1, size, *a.shape[1:]
         )
-    return Grid(n_theta, n_phi)
+        for a in (light, directions, weights)
+    ]
+
+    @jax.checkpoint
+    def add(total, block):
+        light, towards, weight = block
+        return total + project(jnp.moveaxis(light, 0, -2), towards, weight), None
+
+    shape = (*radiance.shape[:-2], (l_max + 1) ** 2, radiance.shape[-1])
+    return jax.lax.scan(add, jnp.zeros(shape, radiance.dtype), tuple(blocks))[0]
+
+
+def _in_parts(run, batch: np.ndarray, rank: int) -> jax.Array:
+    """Work through the items of a host array, some at a time."""
+    lead = batch.shape[: batch.ndim - rank]
+    items = batch.reshape(-1, *batch.shape[batch.ndim - rank :])
+    at_once = max(1, _CHUNK_BYTES // max(items[0].nbytes, 1))
+    parts = [
+        run(as_float("radiance", np.ascontiguousarray(items[i : i + at_once])))
+        for i in range(0, items.shape[0], at_once)
+    ]
+    results = jnp.concatenate(parts)
+    return results.reshape(*lead, *results.shape[1:])
 
 
 def _over_batch(one, array: jax.Array, rank: int) -> jax.Array:
@@ -130,45 +184,6 @@ def _over_batch(one, array: jax.Array, rank: int) -> jax.Array:
         return one(array)
     batch = array.shape[: array.ndim - rank]
     items = array.reshape(-1, *array.shape[array.ndim - rank :])
+    # One after the other: a product of the whole batch is up to five times slower.
     results = jax.vmap(one)(items) if items.shape[0] <= 1 else jax.lax.map(one, items)
     return results.reshape(*batch, *results.shape[1:])
-
-
-def _analyze_one(radiance: jax.Array, *, grid: Grid, l_max: int) -> jax.Array:
-    dtype, channels = radiance.dtype, radiance.shape[-1]
-    ring = jnp.asarray(tables.ring_table(grid, l_max) * grid.weights, dtype)
-    rings = _einsum("kh,hx->kx", ring, radiance.reshape(grid.n_theta, -1))
-    rings = rings.reshape(2 * l_max + 1, grid.n_phi, channels)
-    by_order = []
-    for rows, azimuth, degree in zip(
-        jnp.split(rings, [l_max + 1]),  # of P_k0, of P_k1
-        tables.azimuth_tables(grid.n_phi, l_max),
-        tables.degree_tables(l_max),
-        strict=True,
-    ):
-        waves = _einsum("kwc,wm->mkc", rows, jnp.asarray(azimuth, dtype))
-        by_order.append(_einsum("mlk,mkc->mlc", jnp.asarray(degree, dtype), waves))
-    flat = jnp.concatenate(by_order).reshape(-1, channels)
-    return jnp.take(flat, tables.flat_positions(l_max), axis=0)
-
-
-def _synthesize_one(coefs: jax.Array, *, grid: Grid, l_max: int) -> jax.Array:
-    dtype, channels = coefs.dtype, coefs.shape[-1]
-    flat = jnp.zeros(((2 * l_max + 1) * (l_max + 1), channels), dtype)
-    flat = flat.at[tables.flat_positions(l_max)].set(coefs, unique_indices=True)
-    by_order = flat.reshape(2 * l_max + 1, l_max + 1, channels)
-    azimuths = tables.azimuth_tables(grid.n_phi, l_max)
-    rings = []
-    for rows, azimuth, degree in zip(
-        jnp.split(by_order, [azimuths[0].shape[1]]),  # of even m, of odd m
-        azimuths,
-        tables.degree_tables(l_max),
-        strict=True,
-    ):
-        waves = _einsum("mlk,mlc->mkc", jnp.asarray(degree, dtype), rows)
-        rings.append(_einsum("mkc,wm->kwc", waves, jnp.asarray(azimuth, dtype)))
-    ring = jnp.asarray(tables.ring_table(grid, l_max), dtype)
-    stacked = jnp.concatenate(rings).reshape(2 * l_max + 1, -1)
-    return _einsum("kh,kx->hx", ring, stacked).reshape(
-        grid.n_theta, grid.n_phi, channels
-    )

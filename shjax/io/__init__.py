@@ -5,6 +5,8 @@ Radiance .hdr through a reader of our own (the format's half step, which the lib
 leave out), all else through OpenImageIO. Outputs are written beside and renamed.
 """
 
+from shjax.io.coefs import read_coefs as read_coefs
+from shjax.io.coefs import write_coefs as write_coefs
 from shjax.io.envmaps import read_envmap as read_envmap
 from shjax.io.envmaps import shipped_panorama as shipped_panorama
 from shjax.io.images import read_image as read_image

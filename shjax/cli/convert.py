@@ -1,0 +1,105 @@
+"""``shjax convert``: coefficients from a panorama or a file to another tool's file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+
+import shjax
+from shjax import io
+from shjax.cli.light import light_of
+from shjax.cli.options import axes_option, rotate_option, window_option
+from shjax.conventions import CONVENTIONS
+from shjax.harmonics.degrees import degree_of_coefs
+from shjax.io.coefs import FORMATS
+from shjax.windows import apply_window
+
+SCHEMA = "shjax.convert/1"
+
+
+@click.command(short_help="Coefficients in another tool's format.")
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("target", type=click.Path(path_type=Path))
+@click.option(
+    "--to", "format", required=True, type=click.Choice(list(FORMATS)),
+    help="What to write.",
+)  # fmt: skip
+@click.option(
+    "--convention", default="shjax", show_default=True,
+    type=click.Choice(list(CONVENTIONS), case_sensitive=False),
+    help="Axes, sign and scale of a json, csv or c file.",
+)  # fmt: skip
+@click.option(
+    "--l-max", type=click.IntRange(min=0), show_default="2, or SOURCE's own",
+    help="Highest degree to write.",
+)  # fmt: skip
+@axes_option
+@rotate_option
+@window_option
+@click.option(
+    "--no-mirror", is_flag=True, help="SOURCE is an sh.txt made with cmgen --no-mirror."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+def convert(
+    source: Path,
+    target: Path,
+    format: str,
+    convention: str,
+    l_max: int | None,
+    axes: np.ndarray | None,
+    rotate: np.ndarray | None,
+    window: str,
+    no_mirror: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    r"""Write the lighting of SOURCE into TARGET as another tool stores it.
+
+    SOURCE is an environment map, a coefficient file of shjax, a three.js LightProbe
+    (JSON) or cmgen's sh.txt in any of its scales.
+
+    \b
+    --to three             three.js LightProbe JSON
+    --to cmgen             sh.txt, radiance (also -irradiance, -shader and
+                           cmgen-no-mirror...)
+    --to gltf              EXT_lights_image_based block; needs --axes
+    --to c, csv, json      any --convention
+
+    \b
+    Examples:
+      shjax convert studio.exr probe.json --to three
+      shjax convert sh.txt light.h --to c --convention unreal --axes=x,-y,z
+    """
+    if target.exists() and source.exists() and target.samefile(source):
+        raise click.UsageError("TARGET is SOURCE; it would be overwritten.")
+    coefs = _lighting(source, l_max, rotate, no_mirror)
+    coefs = np.asarray(apply_window(coefs, window))
+    io.write_coefs(target, coefs, format=format, convention=convention, axes=axes)
+    if as_json and not quiet:
+        written = {"schema": SCHEMA, "source": str(source), "target": str(target)}
+        written |= {"format": format, "l_max": degree_of_coefs(coefs.shape)}
+        print(json.dumps(written))
+    elif not quiet:
+        print(f"{target}: {coefs.shape[0]} coefficients, {format}")
+    return 0
+
+
+def _lighting(
+    source: Path, l_max: int | None, rotation: np.ndarray | None, no_mirror: bool
+) -> np.ndarray:
+    """Radiance coefficients in the library's convention, turned and cut to l_max."""
+    found = None if source.is_dir() else io.read_coefs(source, no_mirror=no_mirror)
+    if found is None:
+        degree = 2 if l_max is None else l_max
+        lighting, _ = light_of(io.read_envmap(source), degree, rotation)
+        return np.asarray(lighting)
+    known = degree_of_coefs(found.shape)
+    if l_max is not None and l_max > known:
+        raise click.UsageError(f"--l-max must be at most {known}, {source} ends there.")
+    if rotation is not None:
+        found = np.asarray(shjax.rotate(found, rotation))
+    return found[: ((known if l_max is None else l_max) + 1) ** 2]

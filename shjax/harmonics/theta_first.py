@@ -1,0 +1,103 @@
+"""Transforms by matrix products, theta first: the fastest way up to degree ~128.
+
+``tables`` says why theta goes first. Above a small degree the map is folded about the
+equator, where every function of theta is even or odd, which halves the largest product.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shjax.harmonics import tables
+from shjax.harmonics.grid import Grid
+
+_FOLD_ABOVE = 12  # below it, adding the halves costs more than the product saves
+
+einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+
+
+def analyze(radiance: jax.Array, grid: Grid, l_max: int) -> jax.Array:
+    """``(n_theta, n_phi, C)`` to ``(K, C)``."""
+    dtype, channels = radiance.dtype, radiance.shape[-1]
+    ring = tables.ring_weights(grid, l_max)
+    rings = _to_rings(ring, radiance.reshape(grid.n_theta, -1), l_max)
+    rings = rings.reshape(2 * l_max + 1, grid.n_phi, channels)
+    by_order = []
+    for rows, azimuth, degree in zip(
+        jnp.split(rings, [l_max + 1]),  # of P_k0, of P_k1
+        tables.azimuth_weights(grid, l_max),
+        tables.degree_tables(l_max),
+        strict=True,
+    ):
+        waves = einsum("kwc,wms->mksc", rows, jnp.asarray(azimuth, dtype))
+        by_order.append(einsum("mlk,mksc->mlsc", jnp.asarray(degree, dtype), waves))
+    flat = jnp.concatenate(by_order).reshape(-1, channels)
+    return jnp.take(flat, tables.flat_positions(l_max), axis=0)
+
+
+def synthesize(coefs: jax.Array, grid: Grid, l_max: int) -> jax.Array:
+    """``(K, C)`` to ``(n_theta, n_phi, C)``."""
+    dtype, channels = coefs.dtype, coefs.shape[-1]
+    flat = jnp.zeros(((l_max + 1) * (l_max + 1) * 2, channels), dtype)
+    flat = flat.at[tables.flat_positions(l_max)].set(coefs, unique_indices=True)
+    by_order = flat.reshape(l_max + 1, l_max + 1, 2, channels)
+    rings = []
+    for rows, azimuth, degree in zip(
+        jnp.split(by_order, [l_max // 2 + 1]),  # of even m, of odd m
+        tables.azimuth_values(grid.n_phi, l_max),
+        tables.degree_tables(l_max),
+        strict=True,
+    ):
+        waves = einsum("mlk,mlsc->mksc", jnp.asarray(degree, dtype), rows)
+        rings.append(einsum("mksc,wms->kwc", waves, jnp.asarray(azimuth, dtype)))
+    stacked = jnp.concatenate(rings).reshape(2 * l_max + 1, -1)
+    image = _from_rings(tables.ring_values(grid, l_max), stacked, l_max)
+    return image.reshape(grid.n_theta, grid.n_phi, channels)
+
+
+def _symmetry(l_max: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the ring tables that are even and odd about the equator."""
+    parity = np.concatenate([np.arange(l_max + 1), np.arange(l_max)]) % 2
+    return np.flatnonzero(parity == 0), np.flatnonzero(parity == 1)
+
+
+def _folds(n_theta: int, l_max: int) -> bool:
+    return l_max > _FOLD_ABOVE and n_theta % 2 == 0
+
+
+def _to_rings(ring: np.ndarray, rows: jax.Array, l_max: int) -> jax.Array:
+    """``ring @ rows``, by halves where that is quicker."""
+    n_theta = rows.shape[0]
+    if not _folds(n_theta, l_max):
+        return einsum("kh,hx->kx", jnp.asarray(ring, rows.dtype), rows)
+    half = n_theta // 2
+    north, south = rows[:half], rows[half:][::-1]
+    parts = [
+        einsum("kh,hx->kx", jnp.asarray(ring[which, :half], rows.dtype), folded)
+        for which, folded in zip(
+            _symmetry(l_max), (north + south, north - south), strict=True
+        )
+    ]
+    back = np.argsort(np.concatenate(_symmetry(l_max)))
+    return jnp.take(jnp.concatenate(parts), back, axis=0)
+
+
+def _from_rings(ring: np.ndarray, rows: jax.Array, l_max: int) -> jax.Array:
+    """``ring.T @ rows``, by halves where that is quicker."""
+    n_theta = ring.shape[1]
+    if not _folds(n_theta, l_max):
+        return einsum("kh,kx->hx", jnp.asarray(ring, rows.dtype), rows)
+    half = n_theta // 2
+    even, odd = (
+        einsum(
+            "kh,kx->hx",
+            jnp.asarray(ring[which, :half], rows.dtype),
+            jnp.take(rows, which, axis=0),
+        )
+        for which in _symmetry(l_max)
+    )
+    return jnp.concatenate([even + odd, (even - odd)[::-1]])

@@ -1,0 +1,246 @@
+"""Coefficients in the files of other tools, and our own.
+
+A format is a name in :data:`FORMATS`: a writer and the convention it writes in. Reading
+tells the format from the contents.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from shjax.conventions import convert
+from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
+from shjax.io.writing import write_text
+
+SCHEMA = "shjax.coefficients/1"
+
+_COMMENTS = {  # what cmgen writes behind a coefficient's name, by its scale
+    "cmgen": "",
+    "cmgen irradiance": ", irradiance",
+    "cmgen shader": ", irradiance, pre-scaled base",
+}
+_LINE = re.compile(
+    r"\(\s*([^,\s]+),\s*([^,\s]+),\s*([^,\s)]+)\);\s*//\s*L(\d+?)(-?\d+)(, .*)?\s*$"
+)
+
+
+def _rows(values: np.ndarray):
+    l_max = degree_of_coefs(values.shape)
+    return zip(degrees(l_max).tolist(), orders(l_max).tolist(), values, strict=True)
+
+
+def _three(values: np.ndarray, convention: str) -> str:
+    if values.shape != (9, 3):
+        raise ValueError(f"a LightProbe holds 9 x 3 coefficients; got {values.shape}.")
+    flat = [float(x) for x in values.ravel()]
+    # Named by its contents: the same light gives the same file.
+    name = str(uuid.uuid5(uuid.NAMESPACE_URL, json.dumps(flat)))
+    body = {
+        "metadata": {"version": 4.7, "type": "Object", "generator": "shjax"},
+        "object": {
+            "uuid": name,
+            "type": "LightProbe",
+            "layers": 1,
+            "matrix": np.eye(4).ravel().tolist(),
+            "up": [0, 1, 0],
+            "color": 0xFFFFFF,
+            "intensity": 1,
+            "sh": flat,
+        },
+    }
+    return json.dumps(body, indent=1) + "\n"
+
+
+def _cmgen(values: np.ndarray, convention: str) -> str:
+    if values.shape[-1] != 3:
+        raise ValueError(f"sh.txt holds RGB; got {values.shape[-1]} channels.")
+    comment = _COMMENTS[convention.replace(" no-mirror", "")]
+    lines = []
+    for l, m, rgb in _rows(values):
+        numbers = ", ".join(f"{x:18.15f}" for x in rgb)
+        lines.append(f"({numbers}); // L{l}{m}{comment}")
+    return "\n".join(lines) + "\n"
+
+
+def _gltf(values: np.ndarray, convention: str) -> str:
+    if values.shape != (9, 3):
+        raise ValueError(f"the extension holds 9 x 3 coefficients; got {values.shape}.")
+    light = {
+        "rotation": [0, 0, 0, 1],
+        "intensity": 1,
+        "irradianceCoefficients": [[float(x) for x in rgb] for rgb in values],
+    }
+    block = {"extensions": {"EXT_lights_image_based": {"lights": [light]}}}
+    return json.dumps(block, indent=1) + "\n"
+
+
+def _c_header(values: np.ndarray, convention: str) -> str:
+    count, channels = values.shape
+    lines = [
+        f"/* {count} spherical harmonic coefficients, {channels} channels, as stored by: "
+        f"{convention}. Index l (l + 1) + m. */",
+        f"static const float sh_coefficients[{count}][{channels}] = {{",
+    ]
+    for l, m, row in _rows(values):
+        numbers = ", ".join(f"{x: .9e}f" for x in row)
+        lines.append(f"    {{{numbers}}}, /* l={l} m={m} */")
+    return "\n".join([*lines, "};"]) + "\n"
+
+
+def _csv(values: np.ndarray, convention: str) -> str:
+    channels = values.shape[-1]
+    names = ["R", "G", "B"] if channels == 3 else [f"c{k}" for k in range(channels)]
+    lines = [",".join(["l", "m", *names])]
+    for l, m, row in _rows(values):
+        lines.append(",".join([str(l), str(m), *(f"{x:.9g}" for x in row)]))
+    return "\n".join(lines) + "\n"
+
+
+def _own(values: np.ndarray, convention: str) -> str:
+    body = {
+        "schema": SCHEMA,
+        "l_max": degree_of_coefs(values.shape),
+        "convention": convention,
+        "coefficients": values.tolist(),
+    }
+    return json.dumps(body, indent=1) + "\n"
+
+
+@dataclasses.dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Attributes:
+        write: Values ``(K, C)`` and the convention's name to the file's text.
+        convention: The convention it holds; None: any, chosen by the writer.
+    """
+
+    write: Callable[[np.ndarray, str], str]
+    convention: str | None
+
+
+FORMATS = {
+    "json": Format(_own, None),
+    "csv": Format(_csv, None),
+    "c": Format(_c_header, None),
+    "three": Format(_three, "three.js"),
+    "gltf": Format(_gltf, "gltf"),
+    **{
+        name.replace(" ", "-"): Format(_cmgen, name)
+        for scale in _COMMENTS
+        for name in (scale, scale.replace("cmgen", "cmgen no-mirror"))
+    },
+}
+
+
+def write_coefs(
+    path: str | os.PathLike,
+    coefs: Float[np.ndarray, "K C"],
+    *,
+    format: str,
+    convention: str = "shjax",
+    axes: Float[np.ndarray, "3 3"] | None = None,
+) -> None:
+    """Write radiance coefficients as another tool reads them.
+
+    Args:
+        path: The file.
+        coefs: Radiance coefficients in the library's frame and basis.
+        format: A name in :data:`FORMATS`.
+        convention: For ``json``, ``csv`` and ``c``: a name in
+            :data:`shjax.conventions.CONVENTIONS`.
+        axes: As in :func:`shjax.convert`; ``gltf`` needs it.
+
+    Raises:
+        OSError: If the file cannot be written.
+        ValueError: If the format is unknown, fixes another convention, or cannot hold
+            these coefficients.
+    """
+    if format not in FORMATS:
+        raise ValueError(f"format must be one of {', '.join(FORMATS)}; got {format!r}.")
+    chosen = FORMATS[format]
+    if chosen.convention is not None and convention != "shjax":
+        raise ValueError(
+            f"convention must be left out for {format!r}, which is {chosen.convention!r}; "
+            f"got {convention!r}."
+        )
+    name = chosen.convention or convention
+    values = np.asarray(convert(np.asarray(coefs), to=name, axes=axes), np.float64)
+    write_text(path, chosen.write(values, name))
+
+
+def read_coefs(
+    path: str | os.PathLike, *, no_mirror: bool = False
+) -> Float[np.ndarray, "K C"] | None:
+    """Read coefficients from a file of ours, a three.js LightProbe or cmgen's sh.txt.
+
+    Args:
+        path: The file.
+        no_mirror: Whether an sh.txt was made with ``--no-mirror``, which it does not say.
+
+    Returns:
+        Radiance coefficients in the library's frame and basis, float32; None if the file
+        is of another kind (an image, say).
+
+    Raises:
+        OSError: If the file cannot be opened.
+        ValueError: If it is of such a kind but damaged; the message names the file.
+    """
+    path = Path(path)
+    start = path.open("rb").read(4096)
+    text = start.lstrip()
+    if not (text.startswith(b"{") or (text.startswith(b"(") and b"// L00" in start)):
+        return None
+    try:
+        whole = path.read_text(encoding="utf-8")
+        parse = _parse_json if text.startswith(b"{") else _parse_cmgen
+        values, convention = parse(whole)
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path}: damaged coefficients ({error}).") from None
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{path}: holds coefficients that are not finite.")
+    if no_mirror and convention.startswith("cmgen"):
+        convention = convention.replace("cmgen", "cmgen no-mirror")
+    try:
+        return np.asarray(convert(values.astype(np.float32), from_=convention))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _parse_json(text: str) -> tuple[np.ndarray, str]:
+    body = json.loads(text)
+    if body.get("object", {}).get("type") == "LightProbe":
+        values = np.asarray(body["object"]["sh"], np.float64).reshape(9, 3)
+        return values * float(body["object"].get("intensity", 1)), "three.js"
+    values = np.asarray(body["coefficients"], np.float64)
+    degree_of_coefs(values.shape, "coefficients")
+    return values, body.get("convention", "shjax")
+
+
+def _parse_cmgen(text: str) -> tuple[np.ndarray, str]:
+    rows, comments = {}, set()
+    for line in filter(None, map(str.strip, text.splitlines())):
+        found = _LINE.match(line)
+        if found is None:
+            raise ValueError(f"not a line of sh.txt: {line[:60]!r}")
+        key = int(found[4]), int(found[5])
+        rows[key] = [float(found[k]) for k in (1, 2, 3)]
+        comments.add(found[6] or "")
+    values = np.array([rows[key] for key in sorted(rows)])
+    l_max = degree_of_coefs(values.shape, "sh.txt")
+    expected = list(zip(degrees(l_max).tolist(), orders(l_max).tolist(), strict=True))
+    if sorted(rows) != expected:
+        raise ValueError("some coefficients are missing")
+    by_comment = {comment: name for name, comment in _COMMENTS.items()}
+    if len(comments) != 1 or not comments <= set(by_comment):
+        raise ValueError(f"unknown comments: {sorted(comments)}")
+    return values, by_comment[comments.pop()]
