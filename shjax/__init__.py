@@ -31,12 +31,12 @@ from shjax.irradiance import clamped_cosine_coefs as clamped_cosine_coefs
 from shjax.irradiance import cosine_kernel as cosine_kernel
 from shjax.irradiance import irradiance as irradiance
 from shjax.irradiance import irradiance_coefs as irradiance_coefs
-from shjax.irradiance import irradiance_error as irradiance_error
 from shjax.irradiance import irradiance_from_matrix as irradiance_from_matrix
 from shjax.irradiance import irradiance_matrix as irradiance_matrix
 from shjax.irradiance import irradiance_polynomial as irradiance_polynomial
-from shjax.irradiance import reference_irradiance as reference_irradiance
-from shjax.irradiance import (
+from shjax.reference import irradiance_error as irradiance_error
+from shjax.reference import reference_irradiance as reference_irradiance
+from shjax.reference import (
     reference_irradiance_samples as reference_irradiance_samples,
 )
 from shjax.windows import dering as dering

@@ -60,7 +60,7 @@ class Convention:
         scale: ``l_max`` to the factor on each radiance coefficient.
     """
 
-    axes: tuple[tuple[int, int, int], ...] | None
+    axes: tuple[tuple[float | int, ...], ...] | None
     phase: bool = False
     scale: Callable[[int], np.ndarray] = _radiance
 
@@ -149,8 +149,9 @@ def convert(
                 "axes must belong to one tool: give one of to and from_, not "
                 f"{from_!r} and {to!r}."
             )
+        given = tuple(tuple(row) for row in np.asarray(axes).tolist())
         source, target = (
-            tool if name.lower() == "shjax" else dataclasses.replace(tool, axes=axes)
+            tool if name.lower() == "shjax" else dataclasses.replace(tool, axes=given)
             for tool, name in ((source, from_), (target, to))
         )
     frames = [_frame(tool, name) for tool, name in ((source, from_), (target, to))]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from shjax.irradiance import LUMINANCE
+from shjax.reference import LUMINANCE
 
 
 def tone_map(

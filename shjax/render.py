@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import Array, as_float
-from shjax.irradiance import irradiance, reference_irradiance_samples
+from shjax.irradiance import irradiance
+from shjax.reference import reference_irradiance_samples
 from shjax.sphere import normalize
 
 Vector = tuple[float, float, float]

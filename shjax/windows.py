@@ -173,7 +173,7 @@ def smallest_irradiance(lighting: Float[Array, "K C"]) -> Float[jax.Array, ""]:
         return value(jax.lax.fori_loop(0, 4, step, normal))
 
     refined = jax.vmap(refine, in_axes=(1, 0))(lighting, starts)
-    mean = lighting[0] * np.sqrt(np.pi / 4)
+    mean = lighting[0] * float(np.sqrt(np.pi / 4))
     return jnp.min(refined / jnp.where(mean > 0, mean, 1))
 
 

@@ -18,6 +18,7 @@ LAYERS = [
     ["shjax.sphere"],
     ["shjax.harmonics"],
     ["shjax.layouts", "shjax.irradiance"],
+    ["shjax.reference"],
     ["shjax.envmap", "shjax.windows"],
     ["shjax.conventions"],
     ["shjax.io"],

@@ -149,10 +149,68 @@ def test_help_and_version():
         assert words in text
 
 
-def test_too_small_a_map_is_refused_with_the_number_needed(tmp_path):
+def test_too_small_a_map_is_taken_as_constant_pixels_and_says_so(tmp_path):
     io.write_image(tmp_path / "tiny.exr", np.ones((4, 8, 3), np.float32))
-    with pytest.raises(ValueError, match="at least 2 l_max [+] 1 = 5 rows"):
-        run(tmp_path / "tiny.exr", tmp_path / "out")
+    result = run(tmp_path / "tiny.exr", tmp_path / "out", size=16)
+    assert result["quadrature"] == "pixel"
+    assert result["coefficients"][0][0] == pytest.approx(np.sqrt(4 * np.pi), rel=1e-5)
+    finished = shell("light", tmp_path / "tiny.exr", "--out", tmp_path, "--size", 16)
+    assert "fewer than 5 rows or columns" in finished.stdout
+
+
+def test_rotating_the_light_rotates_everything(tmp_path):
+    image = np.random.default_rng(0).random((32, 64, 3)).astype(np.float32)
+    io.write_image(tmp_path / "a.exr", image)
+    io.write_image(tmp_path / "b.exr", np.roll(image, -16, axis=1))
+    quarter = shjax.sphere.yaw_pitch_roll(np.pi / 2, 0.0, 0.0)
+    turned = run(tmp_path / "a.exr", tmp_path / "out", size=16, rotation=quarter)
+    moved = run(tmp_path / "b.exr", tmp_path / "out", size=16)
+    np.testing.assert_allclose(turned["coefficients"], moved["coefficients"], atol=1e-5)
+    for key in ("mean", "max"):
+        assert turned["irradiance_error"][key] == pytest.approx(
+            moved["irradiance_error"][key], rel=0.05
+        )
+    assert turned["recovered_error"]["exact"] == pytest.approx(
+        moved["recovered_error"]["exact"], rel=1e-3
+    )
+
+
+def test_convert_through_every_reader(tmp_path):
+    steps = [
+        (io.shipped_panorama(), "probe.json", "--to", "three"),
+        ("probe.json", "sh.txt", "--to", "cmgen-irradiance"),
+        ("sh.txt", "own.json", "--to", "json", "--json"),
+        ("own.json", "light.csv", "--to", "csv", "--rotate", "90,0,0"),
+    ]
+    for source, target, *options in steps:
+        finished = shell("convert", source, target, *options, cwd=tmp_path)
+        assert finished.returncode == 0, finished.stderr
+        assert target in finished.stdout
+    rows = np.genfromtxt(tmp_path / "light.csv", delimiter=",", skip_header=1)
+    lighting = io.read_envmap(io.shipped_panorama()).lighting(l_max=2)
+    quarter = shjax.sphere.yaw_pitch_roll(np.pi / 2, 0.0, 0.0)
+    np.testing.assert_allclose(rows[:, 2:], shjax.rotate(lighting, quarter), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["own.json", "x", "--to", "yaml"], "--to"),
+        (["own.json", "own.json", "--to", "csv"], "overwritten"),
+        (["own.json", "x", "--to", "csv", "--l-max", "5"], "at most 1"),
+        (["own.json", "x", "--to", "three"], "9 x 3"),
+        (["own.json", "x", "--to", "csv", "--rotate", "1,2"], "three numbers"),
+        (["own.json", "x", "--to", "gltf", "--axes=x,x,z"], "each axis once"),
+        (["gone.json", "x", "--to", "csv"], "gone.json"),
+    ],
+)
+def test_convert_refuses_in_one_line(tmp_path, arguments, words):
+    io.write_coefs(tmp_path / "own.json", np.ones((4, 3), np.float32), format="json")
+    finished = shell("convert", *arguments, cwd=tmp_path)
+    assert finished.returncode == 2
+    assert finished.stderr.count("\n") == 1
+    assert words in finished.stderr
+    assert sorted(os.listdir(tmp_path)) == ["own.json"]
 
 
 def test_a_black_map_gives_no_nan(tmp_path):

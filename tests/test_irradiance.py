@@ -7,7 +7,8 @@ from scipy.integrate import quad
 from scipy.special import eval_legendre
 
 import shjax
-from shjax.irradiance import cosine_kernel_table, irradiance_error, luminance
+from shjax.irradiance import cosine_kernel_table
+from shjax.reference import irradiance_error, luminance
 from shjax.sphere import fibonacci_directions, latlong_directions
 from tests.helpers import check_gradients, relative_error, unit_vectors
 

@@ -34,6 +34,19 @@ CASES = {
         ((8, 3), (8, 3), (8,)),
         (1,),
     ),
+    "analyze at 14": Case(lambda r: shjax.analyze(r, l_max=14), ((30, 31, 1),)),
+    "analyze pixels": Case(
+        lambda r: shjax.analyze(r, l_max=3, quadrature="pixel"), ((3, 4, 2),)
+    ),
+    "evaluate at 9": Case(shjax.evaluate, ((100, 2), (5, 3)), (1,)),
+    "basis at 10": Case(lambda d: shjax.basis(d, l_max=10), ((5, 3),), (0,)),
+    "wigner_d": Case(lambda a: shjax.wigner_d(4, a), ((),), batched=False),
+    "power_spectrum": Case(shjax.power_spectrum, ((9, 2),)),
+    "multiply": Case(
+        lambda a: shjax.multiply(a, jnp.ones((*a.shape[:-2], 4, a.shape[-1]), a.dtype)),
+        ((9, 2),),
+    ),
+    "convert": Case(lambda c: shjax.convert(c, to="cmgen shader"), ((9, 3),)),
     "rotate": Case(lambda c, v: shjax.rotate(c, jnp.linalg.qr(v)[0]), ((9, 3), (3, 3))),
     "scale_degrees": Case(shjax.scale_degrees, ((9, 3), (3,))),
     "irradiance_coefs": Case(shjax.irradiance_coefs, ((9, 3),)),

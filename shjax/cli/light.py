@@ -13,31 +13,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
-from rich.padding import Padding
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-)
-from rich.table import Table
 
 import shjax
 from shjax import io, render
+from shjax.cli.light_report import (
+    FRAME,
+    print_result,
+    progress_display,
+    write_results,
+)
 from shjax.cli.options import rotate_option, window_option
-from shjax.display import show_difference, tone_map
 from shjax.envmap import EnvironmentMap
-from shjax.harmonics.degrees import degrees, orders
 from shjax.io.envmaps import INVALID_CHOICES
 from shjax.layouts import LAYOUTS
 from shjax.windows import apply_window
 
 SCHEMA = "shjax.light/1"
-FRAME = (
-    "right-handed, +z up (row 0 of a lat-long image), +x at the image centre, "
-    "+y at u = 0.25"
-)
 BASIS = (
     "real orthonormal spherical harmonics without Condon-Shortley phase, "
     "row l (l + 1) + m"
@@ -107,7 +98,7 @@ def light(
     _check_names(paths)
     stdout = Console(quiet=quiet or as_json)
     failed = False
-    with _progress(quiet) as progress:
+    with progress_display(quiet) as progress:
         task = progress.add_task("", total=STEPS * len(paths))
         for number, path in enumerate(paths):
 
@@ -128,7 +119,7 @@ def light(
                 continue
             if as_json and not quiet:
                 print(json.dumps(result), flush=True)
-            _print(stdout, result)
+            print_result(stdout, result)
     return 2 if failed else 0
 
 
@@ -213,7 +204,7 @@ def run(
         },
     }
     spheres = (np.asarray(render.lambertian(ball, lighting)), np.asarray(exact))
-    result["files"] = _write(out, path.stem, result, envmap, lighting, spheres)
+    result["files"] = write_results(out, path.stem, result, envmap, lighting, spheres)
     return result
 
 
@@ -243,50 +234,6 @@ def _relative_error(value, truth) -> float:
     return difference / norm if norm else difference
 
 
-def _write(
-    out: Path,
-    stem: str,
-    result: dict,
-    envmap: EnvironmentMap,
-    lighting,
-    spheres: tuple[np.ndarray, np.ndarray],
-) -> dict[str, str]:
-    about = {
-        "software": f"shjax {shjax.__version__}",
-        "source": envmap.report.source,
-        "frame": FRAME,
-    }
-    irradiance = np.asarray(
-        shjax.synthesize(shjax.irradiance_coefs(lighting), n_theta=64, n_phi=128)
-    )
-    approximate, exact = spheres
-    difference = approximate - exact
-    # One white for both spheres; the difference at a tenth of it in full colour.
-    white = float(np.quantile(exact.mean(axis=-1), 0.99)) or 1.0
-    panels = np.concatenate([approximate, exact, difference], axis=1)
-    shown = [_as_rgb(tone_map(part, white=white)) for part in (approximate, exact)]
-    coloured = show_difference(difference, white / 10)
-    pictures = {
-        "irradiance.exr": (irradiance, {**about, "units": "irradiance, W m^-2"}),
-        "irradiance.png": (_as_rgb(tone_map(irradiance)), {}),
-        "spheres.exr": (panels, {**about, "units": "radiance", "albedo": "1"}),
-        "spheres.png": (np.concatenate([*shown, coloured], axis=1), {}),
-    }
-    files = {name: str(out / f"{stem}_{name}") for name in pictures}
-    for name, (image, attributes) in pictures.items():
-        io.write_image(files[name], image, attributes=attributes)
-    files["lighting.json"] = str(out / f"{stem}_lighting.json")
-    # Last, so that its presence says that all the others are there.
-    io.write_text(
-        files["lighting.json"], json.dumps({**result, "files": files}, indent=1) + "\n"
-    )
-    return files
-
-
-def _as_rgb(image: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(image[..., :3], (*image.shape[:2], 3))
-
-
 def _check_names(paths: list[Path]) -> None:
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
@@ -295,68 +242,3 @@ def _check_names(paths: list[Path]) -> None:
             f"several ENV are named {', '.join(twice)}; their results would overwrite "
             "each other. Run them with different --out."
         )
-
-
-def _progress(quiet: bool) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=quiet or not sys.stderr.isatty(),
-    )
-
-
-def _print(console: Console, result: dict) -> None:
-    report = result["report"]
-    console.print(f"[bold]{report['source']}[/]  {_report_line(report)}")
-    if result["quadrature"] == "pixel":
-        console.print(
-            f"  fewer than {2 * max(result['l_max'], 2) + 1} rows or columns: taken as "
-            "constant over each pixel (quadrature 'pixel')"
-        )
-    table = Table(title="Lighting coefficients L_lm", title_justify="left")
-    coefs = result["coefficients"]
-    names = ("R", "G", "B") if len(coefs[0]) == 3 else range(len(coefs[0]))
-    for heading in ("l", "m", *names):
-        table.add_column(str(heading), justify="right")
-    rows = zip(degrees(result["l_max"]), orders(result["l_max"]), coefs, strict=True)
-    for l, m, values in rows:
-        table.add_row(str(l), str(m), *(f"{value:.5g}" for value in values))
-    console.print(table)
-    console.print(
-        f"frame: {result['frame']}\nbasis: {result['basis']}", highlight=False
-    )
-    error, recovered = result["irradiance_error"], result["recovered_error"]
-    console.print(
-        f"\n[bold]irradiance_error[/]  mean {error['mean']:.2%}, max {error['max']:.2%} "
-        f"of the {error['relative_to']}"
-    )
-    if error["smallest_over_mean"] < 0:
-        console.print(
-            "  the expansion rings: its irradiance falls to "
-            f"{error['smallest_over_mean']:.1%} of its mean"
-        )
-    console.print(
-        f"[bold]recovered_error[/]   self {recovered['self']:.1e}, "
-        f"exact {recovered['exact']:.1%}"
-    )
-    for paragraph in (
-        "self: nine numbers from the sphere that nine numbers drew, a check of the code.",
-        "exact: from the exact sphere, as from a photograph. One view shows half the "
-        "normals, where light of degree 4, 6, ... looks like degrees 0 to 2; "
-        f"{result['recovered']['message']}.",
-    ):
-        console.print(Padding(paragraph, (0, 0, 0, 2)), highlight=False)
-    console.print("\nwritten:")
-    for name in result["files"].values():
-        console.print(f"  {name}", highlight=False)
-
-
-def _report_line(report: dict) -> str:
-    guessed = " (told from its shape)" if report["layout_guessed"] else ""
-    line = f"{report['width']} x {report['height']} {report['format']}, "
-    line += f"{report['layout']}{guessed}"
-    return f"{line}; {report['action']}" if report["action"] else line

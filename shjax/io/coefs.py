@@ -196,7 +196,8 @@ def read_coefs(
         ValueError: If it is of such a kind but damaged; the message names the file.
     """
     path = Path(path)
-    start = path.open("rb").read(4096)
+    with path.open("rb") as file:
+        start = file.read(4096)
     text = start.lstrip()
     if not (text.startswith(b"{") or (text.startswith(b"(") and b"// L00" in start)):
         return None

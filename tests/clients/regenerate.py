@@ -154,7 +154,7 @@ def handle(name: str, record: dict, *, check: bool) -> bool:
 
 
 def main() -> int:
-    """Run the tools that are found; 1 if a number is wrong or moved, or none ran."""
+    """Run the tools that are found; 1 if a number is wrong or moved."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument(
         "--check", action="store_true", help="compare with the files, do not write"
@@ -194,7 +194,8 @@ def main() -> int:
                 results.append(handle(name, record, check=arguments.check))
     if not results:
         print("no tool was found")
-    return 0 if results and all(results) else 1
+        return 0 if arguments.check else 1
+    return 0 if all(results) else 1
 
 
 if __name__ == "__main__":
