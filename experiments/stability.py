@@ -70,12 +70,15 @@ def exact_basis(point: np.ndarray, l: int, chosen: np.ndarray) -> np.ndarray:
     )
 
 
-def basis_errors(count: int, seed: int = 0) -> list[dict]:
+def basis_errors(
+    count: int, degrees: tuple[int, ...] = DEGREES, seed: int = 0
+) -> list[dict]:
     """Errors of one degree's functions and of their row norm, for each direction."""
     rng = np.random.default_rng(seed)
     rows = []
-    for l in DEGREES:
-        chosen = np.unique(rng.integers(-l, l + 1, min(count, 2 * l + 1)))
+    for l in degrees:
+        drawn = rng.integers(-l, l + 1, min(count, 2 * l + 1))
+        chosen = np.unique([-2, -1, 0, 1, 2, *drawn])  # what is not zero at a pole
         for name, direction in DIRECTIONS.items():
             unit = np.array(direction) / np.linalg.norm(direction)
             row: dict = {"degree": l, "where": name, "input": l * l / 2 * 6e-8}
@@ -174,11 +177,13 @@ def exact_wigner_d(l: int, angle: float, pairs: np.ndarray) -> np.ndarray:
     return np.array(values)
 
 
-def wigner_errors(count: int, seed: int = 1) -> list[dict]:
+def wigner_errors(
+    count: int, degrees: tuple[int, ...] = (2, 30, 128, 1024), seed: int = 1
+) -> list[dict]:
     """Errors of seeded entries, and of the rows' norms, for each angle."""
     rng = np.random.default_rng(seed)
     rows = []
-    for l in (2, 30, 128, 1024):
+    for l in degrees:
         pairs = rng.integers(-l, l + 1, (count, 2))
         pairs[:, 1] = np.where(
             (pairs[:, 0] < 0) != (pairs[:, 1] < 0), -pairs[:, 1], pairs[:, 1]

@@ -11,7 +11,10 @@ from pathlib import Path
 
 def versions() -> dict[str, str]:
     """What ran, and where."""
-    names = ["jax", "jaxlib", "numpy", "scipy", "mpmath", "ducc0", "s2fft", "shtns", "sphericart-jax", "torch", "torch-harmonics"]
+    names = (
+        "jax", "jaxlib", "numpy", "scipy", "mpmath", "ducc0", "s2fft", "shtns",
+        "sphericart-jax", "torch", "torch-harmonics",
+    )  # fmt: skip
     found = {}
     for name in names:
         try:

@@ -1,8 +1,11 @@
 """Each experiment's claim, asserted on the run itself."""
 
+import mpmath
 import numpy as np
+import pytest
 
-from experiments import table_4_1
+from experiments import stability, table_4_1
+from experiments.benchmarks import nine_coefficients
 
 
 def test_table_4_1(data):
@@ -44,3 +47,27 @@ def test_the_erratum_is_the_probes_own(data):
         solid_angle = (2 / n) ** 2 / squared**1.5
         total += np.sum(tile * 0.546274 * (x * x - y * y) / squared * solid_angle)
     assert abs(0.1 * total + 0.0322) < 1e-4
+
+
+@pytest.mark.x64
+def test_stability_keeps_its_digits():
+    mpmath.mp.dps = 50
+    for row in stability.basis_errors(20, degrees=(8, 60, 300)):
+        growth = max(1, row["degree"] / 30)
+        assert row["float32"] < 1.5e-6 * growth, row
+        assert row["float64"] < 5e-15 * max(1, row["degree"]) ** 0.75, row
+    for row in stability.wigner_errors(50, degrees=(3, 40)):
+        assert row["float32"] < 5e-7, row
+        assert row["float64"] < 2e-14, row
+    for row in stability.coefficient_errors(n_theta=128, l_max=8):
+        assert row["float32"] < 3e-6, row
+        assert row["float64"] < 2e-14, row
+    (row,) = stability.rotation_errors(count=100, l_max=12)
+    assert row["float32"] < 1e-4
+    assert row["float64"] < 1e-12
+
+
+def test_the_benchmark_of_nine_coefficients_runs():
+    result = nine_coefficients.run(rounds=1, normals=64)
+    assert result["projection_over_sum"] > 0
+    assert result["integral_over_nine"] > 1

@@ -375,7 +375,8 @@ def _compile_times(rows: Rows, panorama) -> None:
         def loss(x, l_max=l_max):
             return jnp.sum(shjax.analyze(x, l_max=l_max) ** 2)
 
-        gradient = first_call(lambda i=image, g=jax.grad(loss): g(i))
+        differentiated = jax.grad(loss)
+        gradient = first_call(lambda i=image, g=differentiated: g(i))
         rows.add(work, "gradient, s", "<= 0.9", gradient)
 
 

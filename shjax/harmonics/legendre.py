@@ -26,7 +26,8 @@ _NEAR_POLE = 0.7  # in cos t; from 0.5 on, z - 1 is exact
 
 def step_coefs(l: np.ndarray | int, m: np.ndarray | int) -> tuple:
     """Factors ``a_lm`` and ``b_lm`` of the step to degree l > m; 0 elsewhere."""
-    l, m = np.broadcast_arrays(np.asarray(l, np.float64), np.asarray(m, np.float64))
+    wide = np.longdouble  # differences of these factors are taken, and lose digits
+    l, m = np.broadcast_arrays(np.asarray(l, wide), np.asarray(m, wide))
     above = l > m
     l, m = np.where(above, l, 1), np.where(above, m, 0)
     scale = np.sqrt((4 * l * l - 1) / (l * l - m * m))
@@ -57,7 +58,7 @@ def legendre(l_max: int, m: int, z: np.ndarray, sine: np.ndarray) -> np.ndarray:
     if m > l_max:
         return values
     values[m] = seed_norms(m)[m] * sine**m
-    scales, lags = step_coefs(np.arange(l_max + 1), m)
+    scales, lags = (k.astype(float) for k in step_coefs(np.arange(l_max + 1), m))
     for l in range(m + 1, l_max + 1):
         values[l] = scales[l] * (z * values[l - 1] - lags[l] * values[l - 2])
     return values
@@ -152,7 +153,7 @@ def scan_steps(l_max: int, dtype) -> Step:
     product = scale * lag
     tables = (scale, lag, product, scale - product - 1, np.eye(l_max + 1))
     return Step(
-        *(jnp.asarray(table[..., None], dtype) for table in tables),
+        *(jnp.asarray(table[..., None].astype(float), dtype) for table in tables),
         odd=jnp.asarray(((degree - order) % 2 == 1)[..., None]),
     )
 

@@ -99,8 +99,9 @@ def _to_waves(rows: jax.Array, azimuth: jax.Array) -> jax.Array:
     size = next(b for b in range(min(columns, largest), 0, -1) if columns % b == 0)
     if size < _PHI_BLOCK // 4:  # a prime number of columns, or few of them
         size = columns
-    blocks = rows.reshape(rows.shape[0], -1, size, rows.shape[2])
-    waves = azimuth.reshape(-1, size, *azimuth.shape[1:])
+    count = columns // size
+    blocks = rows.reshape(rows.shape[0], count, size, rows.shape[2])
+    waves = azimuth.reshape(count, size, *azimuth.shape[1:])
     return jnp.sum(einsum("kawc,awms->amksc", blocks, waves), axis=0)
 
 

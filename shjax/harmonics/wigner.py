@@ -143,7 +143,7 @@ def wigner_d(
         ValueError: If ``l`` is not a whole number >= 0.
 
     >>> [f"{x:.3f}" for x in wigner_d(1, np.float32(0.5))[2]]  # x of a turned vector
-    ['0.000', '-0.479', '0.878']
+    ['0.000', '0.479', '0.878']
     """
     l = check_l_max(l, "l")
     angle = as_float("angle", angle)
