@@ -245,7 +245,7 @@ def _relative(values, exact: np.ndarray) -> float:
 def _ducc(image: np.ndarray, l_max: int, exact: np.ndarray) -> dict:
     """ducc0's error in each degree's power, which does not depend on its phases."""
     try:
-        import ducc0
+        import ducc0  # pyright: ignore[reportMissingImports]
     except ImportError:
         return {}
     alm = ducc0.sht.experimental.analysis_2d(
