@@ -53,3 +53,9 @@ def check_vectors(name: str, shape: tuple[int, ...]) -> None:
     """
     if not shape or shape[-1] != 3:
         raise ValueError(f"{name} must have shape (..., 3); got {shape}.")
+
+
+def in_blocks(rows: jax.Array, size: int) -> jax.Array:
+    """``(n, ...)`` as ``(blocks, size, ...)``, filled up with zeros."""
+    padding = [(0, -rows.shape[0] % size)] + [(0, 0)] * (rows.ndim - 1)
+    return jnp.pad(rows, padding).reshape(-1, size, *rows.shape[1:])

@@ -79,6 +79,9 @@ _LEFT_HANDED = (_minus(_Y), _Z, _X)
 _GOOGLE = (_minus(_X), _Y, _Z)
 _DEBEVEC = (_minus(_Y), _Z, _minus(_X))
 
+# Stored numbers were measured for three.js, cmgen, Babylon.js and Mitsuba (tests/clients).
+# OpenEXR, USD, Debevec, skylibs, nvdiffrec and Blender are frames: they store pictures,
+# and their rows give plain radiance coefficients in their axes.
 CONVENTIONS: dict[str, Convention] = {
     "shjax": Convention((_X, _Y, _Z)),
     "blender": Convention((_X, _Y, _Z)),
@@ -96,13 +99,13 @@ CONVENTIONS: dict[str, Convention] = {
     "babylon.js shader": Convention(_LEFT_HANDED, False, _shader),
     "cmft": Convention(_LEFT_HANDED, True),
     "rh01": Convention(_LEFT_HANDED),
-    "google spherical-harmonics": Convention(_GOOGLE),
+    "google spherical-harmonics": Convention(_GOOGLE, True),  # its source has the phase
     "materialx": Convention(_GOOGLE),
     "materialx irradiance": Convention(_GOOGLE, False, _reflected),
     "debevec": Convention(_DEBEVEC),
     "skylibs": Convention(_DEBEVEC),
     "nvdiffrec": Convention(_DEBEVEC),
-    # Their scale and sign are known, their axes depend on the scene or were not measured.
+    # Axes depend on the scene or were not measured; scale and sign from documentation.
     "gltf": Convention(None, True, _irradiance),
     "unity": Convention(None, False, _shader),
     "unreal": Convention(None, True),

@@ -28,7 +28,7 @@ class Report:
         width: Columns of the image.
         non_finite: Values that are NaN or infinite.
         negative: Values below zero.
-        negative_energy: Their share of the total radiance over the sphere.
+        negative_energy: Their share of the radiance over the sphere, in magnitude.
         action: What was done with invalid values, in words; empty if there were none.
     """
 

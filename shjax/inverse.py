@@ -23,7 +23,7 @@ import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
-from shjax.arrays import Array, as_float, check_channels
+from shjax.arrays import Array, as_float, check_channels, in_blocks
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import check_l_max, degrees
 from shjax.irradiance import cosine_kernel_table
@@ -38,6 +38,8 @@ _matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
         "covariance",
         "singular_values",
         "singular_vectors",
+        "rank",
+        "prior_fraction",
         "residual_norm",
         "steps",
         "converged",
@@ -50,9 +52,12 @@ class Estimate:
 
     Attributes:
         value: The unknowns, ``(K, C)``; directions that the data do not determine are 0.
-        covariance: ``(C, K, K)``, of the determined directions.
+        covariance: ``(C, K, K)``; infinite variance for what is not determined.
         singular_values: Of the design (root mean square over channels), falling ``(K,)``.
         singular_vectors: Their directions, ``(K, K)``, one a row.
+        rank: How many directions each channel determines, ``(C,)``.
+        prior_fraction: Share of each unknown that did not come from the data, ``(K, C)``,
+            in [0, 1].
         residual_norm: Weighted root sum of squares, ``(C,)``.
         steps: Steps of the solver.
         converged: Whether the solver ended well in every channel.
@@ -63,6 +68,8 @@ class Estimate:
     covariance: Float[Array, "C K K"]
     singular_values: Float[Array, " K"]
     singular_vectors: Float[Array, "K K"]
+    rank: Int[Array, " C"]
+    prior_fraction: Float[Array, "K C"]
     residual_norm: Float[Array, " C"]
     steps: Int[Array, ""]
     converged: Bool[Array, ""]
@@ -70,20 +77,14 @@ class Estimate:
 
     @property
     def determined(self) -> np.ndarray:
-        """Which singular directions the data determine, ``(K,)`` booleans."""
+        """Which singular directions some channel determines, ``(K,)`` booleans."""
         values = np.asarray(self.singular_values)
         return values > self.tolerance * values[0]
 
     @property
     def null_space(self) -> np.ndarray:
-        """Directions that the data do not determine, ``(r, K)``, orthonormal rows."""
+        """Directions that no channel determines, ``(r, K)``, orthonormal rows."""
         return np.asarray(self.singular_vectors)[~self.determined]
-
-    @property
-    def prior_fraction(self) -> np.ndarray:
-        """Share of each unknown that did not come from the data, ``(K, C)``, in [0, 1]."""
-        share = np.sum(self.null_space**2, axis=0)
-        return np.repeat(share[:, None], self.value.shape[-1], axis=1)
 
     @property
     def condition_number(self) -> float:
@@ -93,24 +94,23 @@ class Estimate:
 
     @property
     def ok(self) -> bool:
-        """Whether the value is finite and every unknown is determined."""
+        """Whether the value is finite and every channel determines every unknown."""
         finite = bool(np.all(np.isfinite(np.asarray(self.value))))
-        return bool(self.converged) and finite and bool(np.all(self.determined))
+        whole = np.all(np.asarray(self.rank) == self.value.shape[0])
+        return bool(self.converged) and finite and bool(whole)
 
     @property
     def message(self) -> str:
         """One line on what was determined."""
         if not bool(self.converged):
             return "the solver did not converge; the value is not to be used"
-        count = int(self.determined.sum())
-        if not count:
+        size, count = self.value.shape[0], int(np.min(np.asarray(self.rank)))
+        if not np.any(np.asarray(self.rank)):
             return "nothing is determined: no pixel has weight and light"
-        line = (
-            f"{count} of {self.determined.size} directions are determined, "
-            f"condition number {self.condition_number:.3g}"
-        )
-        missing = self.determined.size - count
-        return f"{line}; {missing} left at 0 (see null_space)" if missing else line
+        line = f"rank {count} of {size}, condition number {self.condition_number:.3g}"
+        if count == size:
+            return line
+        return f"{line}; what is missing is left at 0 (see prior_fraction)"
 
 
 def estimate_lighting(
@@ -161,6 +161,8 @@ def estimate_lighting(
         weights = weights * jnp.asarray(mask, dtype)
     albedo = _fit("albedo", albedo, image.shape, dtype)
     sigma = None if noise is None else _fit("noise", noise, image.shape[-1:], dtype)
+    if sigma is not None and not isinstance(sigma, Tracer) and bool(jnp.any(sigma < 0)):
+        raise ValueError(f"noise must not be negative; got {noise}.")
     _check_data(image, normals, weights)
     channels = image.shape[-1]
     return _estimate_lighting(
@@ -222,7 +224,9 @@ def _estimate_lighting(
     def compress(column, reflectance):
         design = functions * (reflectance[:, None] * root)
         q, r = jnp.linalg.qr(design)
-        return r, _matmul(q.T, column)
+        # In blocks: one long float32 sum of like terms drifts by 2e-4.
+        blocks = in_blocks(q * column[:, None], 256)
+        return r, jnp.sum(jnp.sum(blocks, axis=1), axis=0)
 
     r, projected = jax.vmap(compress, in_axes=(1, 1))(target, albedo)
     tolerance = float(max(image.shape[0], len(seen)) ** 0.5 * jnp.finfo(dtype).eps)
@@ -231,7 +235,8 @@ def _estimate_lighting(
 
     predicted = _matmul(functions, value.T) * albedo * root
     residual_norm = jnp.linalg.norm(target - predicted, axis=0)
-    covariance = jax.vmap(functools.partial(_covariance, tolerance=tolerance))(r)
+    channels = jax.vmap(functools.partial(_diagnose, tolerance=tolerance))
+    covariance, rank, missing = channels(r)
     freedom = jnp.maximum(jnp.sum(weights > 0) - len(seen), 1).astype(dtype)
     variance = residual_norm**2 / freedom if sigma is None else sigma**2
     covariance = covariance * variance[:, None, None]
@@ -244,11 +249,18 @@ def _estimate_lighting(
         .set(r.reshape(-1, len(seen)) / math.sqrt(r.shape[0]))
     )
     _, singular_values, singular_vectors = jnp.linalg.svd(stacked, full_matrices=False)
+    prior_fraction = jnp.ones((kernel.size, image.shape[1]), dtype)
+    prior_fraction = prior_fraction.at[seen].set(missing.T)
+    covariance = jax.vmap(lambda c: _embed(c, seen, kernel.size))(covariance)
+    unknown = jnp.where(prior_fraction > 1e-3, jnp.inf, 0).astype(dtype)
+    covariance = covariance + jax.vmap(jnp.diag, in_axes=1)(unknown)
     return Estimate(
         value=jnp.zeros((kernel.size, image.shape[1]), dtype).at[seen].set(value.T),
-        covariance=jax.vmap(lambda c: _embed(c, seen, kernel.size))(covariance),
+        covariance=covariance,
         singular_values=singular_values,
         singular_vectors=singular_vectors,
+        rank=rank,
+        prior_fraction=prior_fraction,
         residual_norm=residual_norm,
         steps=jnp.max(steps),
         converged=jnp.all(ended),
@@ -262,21 +274,35 @@ def _embed(matrix: jax.Array, rows: np.ndarray, size: int) -> jax.Array:
 
 def _least_squares(r: jax.Array, target: jax.Array, *, tolerance: float):
     """Least-norm solution of ``min |r x - target|``: value, steps, and how it ended."""
-    scale = float(jnp.finfo(r.dtype).eps) ** 0.5
-    solver = optx.GaussNewton(scale, scale, linear_solver=lx.SVD(rcond=tolerance))
+    # In units in which both are of order one, so that the solver's tolerances mean
+    # the same for a picture of any brightness.
+    unit_r, unit_target = (_scale_of(a) for a in (r, target))
+    tight = float(jnp.finfo(r.dtype).eps) ** 0.75
+    solver = optx.GaussNewton(tight, tight, linear_solver=lx.SVD(rcond=tolerance))
     solution = optx.least_squares(
         lambda x, args: _matmul(args[0], x) - args[1],
         solver,
         jnp.zeros(r.shape[1], r.dtype),
-        args=(r, target),
+        args=(r / unit_r, target / unit_target),
         max_steps=16,
         throw=False,
     )
     ended = solution.result == optx.RESULTS.successful
-    return solution.value, solution.stats["num_steps"], ended
+    value = solution.value * (unit_target / unit_r)
+    return value, solution.stats["num_steps"], ended
 
 
-def _covariance(r: jax.Array, *, tolerance: float) -> jax.Array:
-    """Pseudo-inverse of ``r^T r``."""
-    inverse = jnp.linalg.pinv(r, rtol=tolerance)
-    return _matmul(inverse, inverse.T)
+def _scale_of(values: jax.Array) -> jax.Array:
+    """The largest magnitude, 1 for zeros; a constant wherever it is differentiated."""
+    largest = jnp.max(jnp.abs(jax.lax.stop_gradient(values)))
+    return jnp.where(largest > 0, largest, 1)
+
+
+def _diagnose(r: jax.Array, *, tolerance: float):
+    """Pseudo-inverse of ``r^T r``, the rank, and each unknown's undetermined share."""
+    _, values, vectors = jnp.linalg.svd(r, full_matrices=False)
+    known = values > tolerance * values[0]
+    inverse = jnp.where(known, 1 / jnp.where(known, values, 1), 0)
+    half = vectors * inverse[:, None]
+    share = 1 - jnp.sum(jnp.where(known[:, None], vectors**2, 0), axis=0)
+    return _matmul(half.T, half), jnp.sum(known), jnp.clip(share, 0, 1)

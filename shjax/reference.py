@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels, check_vectors
+from shjax.arrays import Array, as_float, check_channels, check_vectors, in_blocks
 from shjax.harmonics.grid import Grid
 from shjax.irradiance import irradiance
 from shjax.sphere import fibonacci_directions, latlong_directions
@@ -89,8 +89,8 @@ def reference_irradiance_samples(
     normals = as_float("normals", normals).astype(dtype)
     flux = radiance * jnp.asarray(weights, dtype)[:, None]
     blocks = (
-        _in_blocks(jnp.asarray(directions, dtype), block),
-        _in_blocks(flux, block),
+        in_blocks(jnp.asarray(directions, dtype), block),
+        in_blocks(flux, block),
     )
     matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
 
@@ -106,15 +106,9 @@ def reference_irradiance_samples(
         return jax.lax.scan(step, start, blocks)[0]
 
     points = normals.reshape(-1, 3)
-    tiles = _in_blocks(points, min(tile, max(points.shape[0], 1)))
+    tiles = in_blocks(points, min(tile, max(points.shape[0], 1)))
     values = jax.lax.map(one_tile, tiles).reshape(-1, channels)[: points.shape[0]]
     return values.reshape(*normals.shape[:-1], channels)
-
-
-def _in_blocks(rows: jax.Array, size: int) -> jax.Array:
-    """``(n, ...)`` as ``(blocks, size, ...)``, filled up with zeros."""
-    padding = [(0, -rows.shape[0] % size)] + [(0, 0)] * (rows.ndim - 1)
-    return jnp.pad(rows, padding).reshape(-1, size, *rows.shape[1:])
 
 
 def luminance(values: Float[Array, "*batch C"]) -> Float[jax.Array, "*batch"]:
@@ -154,7 +148,7 @@ def irradiance_error(
     expansion = luminance(irradiance(lighting, normals))
     total = jnp.sum(luminance(radiance) * jnp.asarray(weights, dtype))
     # Black light has no error: 0 / 1, not 0 / 0.
-    total = jnp.where(total == 0, 1, total)
+    total = jnp.where(total == 0, 1, jnp.abs(total))
     error = jnp.abs(expansion - luminance(exact)) / total
     mean = jnp.mean(expansion)
     ringing = jnp.min(expansion) / jnp.where(mean == 0, 1, mean)

@@ -142,6 +142,56 @@ def test_errors_are_one_line_and_status_two(tmp_path, arguments, words):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_help_is_laid_out():
+    for command in ("light", "convert"):
+        text = shell(command, "--help").stdout
+        assert "\\" not in text
+        assert "Examples:\n    shjax" in text
+
+
+def test_what_cannot_work_is_refused_at_once(tmp_path):
+    image = np.ones((8, 16, 3), np.float32)
+    image[0, 0] = np.nan
+    io.write_image(tmp_path / "nan.exr", image)
+    (tmp_path / "file").write_text("")
+    for arguments, words in (
+        (
+            ["nan.exr", "--invalid", "keep", "--out", "x"],
+            "nan.exr: values that are not finite",
+        ),
+        (["--out", "file"], "file: cannot be a folder"),
+        (["--out", "x", "--size", "5000"], "--size"),
+    ):
+        finished = shell("light", *arguments, cwd=tmp_path)
+        assert finished.returncode == 2
+        assert finished.stderr.count("\n") == 1
+        assert words in finished.stderr
+
+
+def test_a_long_table_is_cut(tmp_path):
+    io.write_image(tmp_path / "[bold]a.exr", np.ones((16, 32, 3), np.float32))
+    finished = shell(
+        "light", tmp_path / "[bold]a.exr", "--out", tmp_path, "--l-max", 6, "--size", 16
+    )
+    assert "24 more in the JSON file" in finished.stdout
+    assert "[bold]a_irradiance.exr" in finished.stdout.replace("\n", "")
+
+
+def test_convert_says_what_it_did(tmp_path):
+    io.write_image(tmp_path / "small.exr", np.ones((8, 16, 3), np.float32))
+    finished = shell(
+        "convert",
+        tmp_path / "small.exr",
+        tmp_path / "a.csv",
+        "--to",
+        "csv",
+        "--l-max",
+        6,
+    )
+    assert "16 x 8 OpenEXR, latlong" in finished.stdout
+    assert "fewer than 13 rows or columns" in finished.stdout
+
+
 def test_help_and_version():
     assert shell("--version").stdout.strip() == f"shjax, version {shjax.__version__}"
     text = shell("light", "--help").stdout
@@ -202,6 +252,7 @@ def test_convert_through_every_reader(tmp_path):
         (["own.json", "x", "--to", "csv", "--rotate", "1,2"], "three numbers"),
         (["own.json", "x", "--to", "gltf", "--axes=x,x,z"], "each axis once"),
         (["gone.json", "x", "--to", "csv"], "gone.json"),
+        (["own.json", ".", "--to", "csv"], "is a folder"),
     ],
 )
 def test_convert_refuses_in_one_line(tmp_path, arguments, words):

@@ -48,6 +48,8 @@ def client(name):
 def test_frames_are_the_measured_ones(name, rng, dtype):
     coefs = rng.normal(size=(9, 3))
     expected = np.stack(FRAMES[name](coefs))
+    if CONVENTIONS[name].phase:
+        expected = expected * np.array([1, -1, 1, -1, 1, -1, 1, -1, 1])[:, None]
     ours = shjax.convert(coefs.astype(dtype), to=name)
     assert relative_error(ours, expected) < 50 * np.finfo(dtype).eps
 
@@ -210,6 +212,21 @@ def test_other_texts(tmp_path, nine):
     assert (tmp_path / "a.h").read_text().count("f, ") == 18
 
 
+def test_own_files_remember_given_axes(tmp_path, nine):
+    axes = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+    for convention in ("three.js", "unity"):
+        shjax.io.write_coefs(
+            tmp_path / "a.json", nine, format="json", convention=convention, axes=axes
+        )
+        assert relative_error(shjax.io.read_coefs(tmp_path / "a.json"), nine) < 1e-5
+
+
+def test_cmgens_text_of_a_high_degree(tmp_path, rng):
+    many = rng.normal(size=(144, 3)).astype(np.float32)
+    shjax.io.write_coefs(tmp_path / "sh.txt", many, format="cmgen")
+    assert relative_error(shjax.io.read_coefs(tmp_path / "sh.txt"), many) < 1e-5
+
+
 def test_the_c_header_compiles(tmp_path, nine):
     import shutil
     import subprocess
@@ -238,7 +255,11 @@ def test_the_c_header_compiles(tmp_path, nine):
         ("{ not json", "damaged coefficients"),
         ('{"coefficients": [[1, 2, 3], [4, 5, 6]]}', "damaged coefficients"),
         ('{"other": 1}', "damaged coefficients"),
-        ("( 1, 2, 3); // L00\nrubbish\n", "not a line of sh.txt"),
+        ("( 1, 2, 3); // L00\n" + 3 * "rubbish\n", "not the line of L1-1"),
+        ("( 1, 2, 3); // L00\nrubbish\n", "damaged coefficients"),
+        ('{"coefficients": [[1, 2, 3]], "object": 3}', "damaged coefficients"),
+        ('{"coefficients": [[1, 2, 3]], "convention": 7}', "from_ must be one of"),
+        ('{"extensions": {}}', "written only"),
         ("( 1, 2, 3); // L00, unheard of\n", "unknown comments"),
         ('{"coefficients": [[NaN, 2, 3]]}', "not finite"),
     ],

@@ -166,6 +166,8 @@ def test_an_empty_batch_is_empty(dtype):
     coefs = jnp.zeros((0, 9, 3), dtype)
     assert shjax.synthesize(coefs, n_theta=2, n_phi=2).shape == (0, 2, 2, 3)
     assert shjax.evaluate(coefs, jnp.ones((4, 3), dtype)).shape == (0, 4, 3)
+    many = jnp.zeros((0, 169, 3), dtype)
+    assert shjax.evaluate(many, jnp.ones((4, 3), dtype)).shape == (0, 4, 3)
 
 
 def test_evaluate_keeps_batch_then_points(rng, dtype):
@@ -193,6 +195,8 @@ def test_half_precision_is_widened_and_integers_refused():
         (lambda: shjax.analyze(np.ones((8, 8)), l_max=2), r"\(..., n_theta, n_phi, C\)"),
         (lambda: shjax.analyze(np.ones((8, 8, 1)), l_max=-1), "l_max must be"),
         (lambda: shjax.analyze(np.ones((8, 8, 1)), l_max=1.5), "l_max must be"),
+        (lambda: shjax.analyze(np.ones((8, 8, 1)), l_max=1025), "at most 1024"),
+        (lambda: shjax.wigner_d(2, np.ones(3)), "angle must be a number"),
         (lambda: shjax.synthesize(np.ones((8, 3)), n_theta=4, n_phi=4), r"\(8, 3\)"),
         (lambda: shjax.synthesize(np.ones((9, 3)), n_theta=0, n_phi=4), "positive"),
         (lambda: shjax.evaluate(np.ones((9, 3)), np.ones((4, 2))), r"\(..., 3\)"),

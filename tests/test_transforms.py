@@ -50,6 +50,13 @@ def test_the_two_algorithms_agree(l_max, n_theta, n_phi, quadrature, rng, dtype)
     assert relative_error(phi_first.synthesize(coefs, grid, l_max), products) < limit
 
 
+def test_orders_above_the_columns_alias_alike(rng, dtype):
+    grid, coefs = make_grid(4, 5), jnp.asarray(rng.normal(size=(64, 2)), dtype)
+    products = theta_first.synthesize(coefs, grid, 7)
+    scanned = phi_first.synthesize(coefs, grid, 7)
+    assert relative_error(scanned, products) < 500 * np.finfo(dtype).eps
+
+
 def test_pixel_quadrature_integrates_constant_pixels(rng, dtype):
     """One pixel's coefficients are the integral of the harmonics over it."""
     n_theta, n_phi, l_max, fine = 4, 6, 5, 64
@@ -166,6 +173,16 @@ def test_second_derivatives_at_the_poles(l_max, rng):
 
     for pole in (1.0, -1.0):
         check_gradients(gradient, jnp.array([0.0, 0.0, pole]), tolerance=1e-6)
+
+
+@pytest.mark.x64
+@pytest.mark.parametrize("sine", [0.0, 1e-6, 0.02, 0.1, 0.4, 1.0])
+def test_float32_keeps_its_digits_above_128(sine):
+    """Where the seeds leave float32, and where the functions then grow from them."""
+    direction = np.array([0.6 * sine, 0.8 * sine, -np.sqrt(1 - sine**2)], np.float32)
+    exact = np.asarray(shjax.basis(direction.astype(float), l_max=400))
+    single = np.asarray(shjax.basis(direction, l_max=400))
+    assert np.max(np.abs(single - exact)) / np.max(np.abs(exact)) < 5e-6
 
 
 @pytest.mark.slow

@@ -30,6 +30,9 @@ def main() -> None:
     cli.add_command(convert)
     try:
         status = cli.main(standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message())
+        status = 2
     except click.ClickException as error:
         _say(error.format_message())
         status = error.exit_code if isinstance(error, click.UsageError) else 2

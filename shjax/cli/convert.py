@@ -10,8 +10,15 @@ import numpy as np
 
 import shjax
 from shjax import io
-from shjax.cli.light import light_of
-from shjax.cli.options import axes_option, rotate_option, window_option
+from shjax.cli.options import (
+    axes_option,
+    invalid_option,
+    layout_option,
+    light_of,
+    quadrature_note,
+    rotate_option,
+    window_option,
+)
 from shjax.conventions import CONVENTIONS
 from shjax.harmonics.degrees import degree_of_coefs
 from shjax.io.coefs import FORMATS
@@ -36,6 +43,8 @@ SCHEMA = "shjax.convert/1"
     "--l-max", type=click.IntRange(min=0), show_default="2, or SOURCE's own",
     help="Highest degree to write.",
 )  # fmt: skip
+@layout_option
+@invalid_option
 @axes_option
 @rotate_option
 @window_option
@@ -50,6 +59,8 @@ def convert(
     format: str,
     convention: str,
     l_max: int | None,
+    layout: str,
+    invalid: str,
     axes: np.ndarray | None,
     rotate: np.ndarray | None,
     window: str,
@@ -57,7 +68,7 @@ def convert(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    r"""Write the lighting of SOURCE into TARGET as another tool stores it.
+    """Write the lighting of SOURCE into TARGET as another tool stores it.
 
     SOURCE is an environment map, a coefficient file of shjax, a three.js LightProbe
     (JSON) or cmgen's sh.txt in any of its scales.
@@ -76,30 +87,33 @@ def convert(
     """
     if target.exists() and source.exists() and target.samefile(source):
         raise click.UsageError("TARGET is SOURCE; it would be overwritten.")
-    coefs = _lighting(source, l_max, rotate, no_mirror)
+    found = None if source.is_dir() else io.read_coefs(source, no_mirror=no_mirror)
+    if found is None:
+        if no_mirror:
+            raise click.UsageError("--no-mirror belongs to an sh.txt; SOURCE is a map.")
+        envmap = io.read_envmap(source, layout=layout, invalid=invalid)
+        degree = 2 if l_max is None else l_max
+        coefs, quadrature = light_of(envmap, degree, rotate)
+        notes = [str(envmap.report), quadrature_note(quadrature, degree)]
+    else:
+        coefs, notes = _cut(source, found, l_max), []
+        coefs = coefs if rotate is None else shjax.rotate(coefs, rotate)
     coefs = np.asarray(apply_window(coefs, window))
     io.write_coefs(target, coefs, format=format, convention=convention, axes=axes)
     if as_json and not quiet:
         written = {"schema": SCHEMA, "source": str(source), "target": str(target)}
         written |= {"format": format, "l_max": degree_of_coefs(coefs.shape)}
-        print(json.dumps(written))
+        print(json.dumps({**written, "notes": [note for note in notes if note]}))
     elif not quiet:
-        print(f"{target}: {coefs.shape[0]} coefficients, {format}")
+        for line in (*notes, f"{target}: {coefs.shape[0]} coefficients, {format}"):
+            if line:
+                print(line)
     return 0
 
 
-def _lighting(
-    source: Path, l_max: int | None, rotation: np.ndarray | None, no_mirror: bool
-) -> np.ndarray:
-    """Radiance coefficients in the library's convention, turned and cut to l_max."""
-    found = None if source.is_dir() else io.read_coefs(source, no_mirror=no_mirror)
-    if found is None:
-        degree = 2 if l_max is None else l_max
-        lighting, _ = light_of(io.read_envmap(source), degree, rotation)
-        return np.asarray(lighting)
-    known = degree_of_coefs(found.shape)
+def _cut(source: Path, coefs: np.ndarray, l_max: int | None) -> np.ndarray:
+    """The coefficients of a file up to a degree that it must have."""
+    known = degree_of_coefs(coefs.shape)
     if l_max is not None and l_max > known:
         raise click.UsageError(f"--l-max must be at most {known}, {source} ends there.")
-    if rotation is not None:
-        found = np.asarray(shjax.rotate(found, rotation))
-    return found[: ((known if l_max is None else l_max) + 1) ** 2]
+    return coefs if l_max is None else coefs[: (l_max + 1) ** 2]

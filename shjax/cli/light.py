@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
-import jax
 import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
@@ -22,10 +21,14 @@ from shjax.cli.light_report import (
     progress_display,
     write_results,
 )
-from shjax.cli.options import rotate_option, window_option
-from shjax.envmap import EnvironmentMap
-from shjax.io.envmaps import INVALID_CHOICES
-from shjax.layouts import LAYOUTS
+from shjax.cli.options import (
+    invalid_option,
+    layout_option,
+    light_of,
+    rotate_option,
+    window_option,
+)
+from shjax.io.writing import check_folder
 from shjax.windows import apply_window
 
 SCHEMA = "shjax.light/1"
@@ -49,18 +52,12 @@ STEPS = 5
     help="Highest degree of the coefficients, inclusive.",
 )  # fmt: skip
 @click.option(
-    "--size", default=192, show_default=True, type=click.IntRange(8, 4096),
-    metavar="PIXELS", help="Side of each rendered sphere.",
+    "--size", default=192, show_default=True, type=click.IntRange(8, 512),
+    metavar="PIXELS",
+    help="Side of each rendered sphere; the exact one takes time by its square.",
 )  # fmt: skip
-@click.option(
-    "--layout", default="auto", show_default=True,
-    type=click.Choice(["auto", *LAYOUTS]), help="How ENV covers the sphere.",
-)  # fmt: skip
-@click.option(
-    "--invalid", default="error", show_default=True,
-    type=click.Choice(INVALID_CHOICES),
-    help="What to do with NaN, infinite and negative pixels.",
-)  # fmt: skip
+@layout_option
+@invalid_option
 @rotate_option
 @window_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per ENV.")
@@ -77,7 +74,7 @@ def light(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    r"""Project environment maps on spherical harmonics and show what nine numbers hold.
+    """Project environment maps on spherical harmonics and show what nine numbers hold.
 
     ENV is a lat-long panorama (EXR, Radiance .hdr), an angular map or a vertical cross;
     left out, a panorama that comes with shjax is used.
@@ -86,8 +83,9 @@ def light(
     For each ENV, DIR receives
       NAME_lighting.json     coefficients, errors, what was recovered
       NAME_irradiance.exr    irradiance map, lat-long (and .png, tone-mapped)
-      NAME_spheres.exr       white sphere from the coefficients, by the exact
-                             integral, and their difference (and .png)
+      NAME_spheres.exr       white sphere: from the coefficients; by the exact
+                             integral; their difference (.png: red too bright,
+                             blue too dark, full colour at a tenth of white)
 
     \b
     Examples:
@@ -96,6 +94,7 @@ def light(
     """
     paths = list(env) or [io.shipped_panorama()]
     _check_names(paths)
+    check_folder(out)
     stdout = Console(quiet=quiet or as_json)
     failed = False
     with progress_display(quiet) as progress:
@@ -154,6 +153,11 @@ def run(
     """
     step("reading")
     envmap = io.read_envmap(path, layout=layout, invalid=invalid)
+    if not np.all(np.isfinite(np.asarray(envmap.radiance))):
+        raise ValueError(
+            f"{path}: values that are not finite cannot be integrated; use "
+            "invalid='clamp' or 'zero'."
+        )
     step("coefficients")
     whole, quadrature = light_of(envmap, max(l_max, 2), rotation)
     nine = whole[:9]
@@ -206,26 +210,6 @@ def run(
     spheres = (np.asarray(render.lambertian(ball, lighting)), np.asarray(exact))
     result["files"] = write_results(out, path.stem, result, envmap, lighting, spheres)
     return result
-
-
-def light_of(
-    envmap: EnvironmentMap, l_max: int, rotation: np.ndarray | None
-) -> tuple[jax.Array, str]:
-    """Coefficients of a map, turned, and by which quadrature.
-
-    A lat-long map too small for the degree is taken as constant over each pixel.
-    """
-    rows, columns = envmap.image.shape[:2]
-    small = envmap.layout == "latlong" and min(rows, columns) < 2 * l_max + 1
-    quadrature = "pixel" if small else "fejer"
-    if envmap.layout != "latlong":
-        quadrature = "pixel centres, exact solid angles"
-        lighting = envmap.lighting(l_max=l_max)
-    else:
-        lighting = envmap.lighting(l_max=l_max, quadrature=quadrature)
-    if rotation is not None:
-        lighting = shjax.rotate(lighting, rotation)
-    return lighting, quadrature
 
 
 def _relative_error(value, truth) -> float:

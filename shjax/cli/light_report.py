@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -20,10 +21,13 @@ from rich.table import Table
 
 import shjax
 from shjax import io
+from shjax.cli.options import quadrature_note
 from shjax.display import show_difference, tone_map
-from shjax.envmap import EnvironmentMap
+from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
 
+_ROWS_SHOWN = 25
+PANELS = "from the coefficients | by the exact integral | their difference"
 FRAME = (
     "right-handed, +z up (row 0 of a lat-long image), +x at the image centre, "
     "+y at u = 0.25"
@@ -54,10 +58,14 @@ def write_results(
     panels = np.concatenate([approximate, exact, difference], axis=1)
     shown = [_as_rgb(tone_map(part, white=white)) for part in (approximate, exact)]
     coloured = show_difference(difference, white / 10)
+    coloured = np.where(exact.sum(axis=-1, keepdims=True) > 0, coloured, 0)
     pictures = {
         "irradiance.exr": (irradiance, {**about, "units": "irradiance, W m^-2"}),
         "irradiance.png": (_as_rgb(tone_map(irradiance)), {}),
-        "spheres.exr": (panels, {**about, "units": "radiance", "albedo": "1"}),
+        "spheres.exr": (
+            panels,
+            {**about, "units": "radiance", "albedo": "1", "panels": PANELS},
+        ),
         "spheres.png": (np.concatenate([*shown, coloured], axis=1), {}),
     }
     files = {name: str(out / f"{stem}_{name}") for name in pictures}
@@ -90,22 +98,21 @@ def progress_display(quiet: bool) -> Progress:
 
 def print_result(console: Console, result: dict) -> None:
     """The coefficients as a table, the errors, and why they are what they are."""
-    report = result["report"]
-    console.print(f"[bold]{report['source']}[/]  {_report_line(report)}")
-    if result["quadrature"] == "pixel":
-        console.print(
-            f"  fewer than {2 * max(result['l_max'], 2) + 1} rows or columns: taken as "
-            "constant over each pixel (quadrature 'pixel')"
-        )
+    console.print(str(Report(**result["report"])), style="bold", markup=False)
+    note = quadrature_note(result["quadrature"], max(result["l_max"], 2))
+    if note:
+        console.print(f"  {note}")
     table = Table(title="Lighting coefficients L_lm", title_justify="left")
     coefs = result["coefficients"]
     names = ("R", "G", "B") if len(coefs[0]) == 3 else range(len(coefs[0]))
     for heading in ("l", "m", *names):
         table.add_column(str(heading), justify="right")
     rows = zip(degrees(result["l_max"]), orders(result["l_max"]), coefs, strict=True)
-    for l, m, values in rows:
+    for l, m, values in itertools.islice(rows, _ROWS_SHOWN):
         table.add_row(str(l), str(m), *(f"{value:.5g}" for value in values))
     console.print(table)
+    if len(coefs) > _ROWS_SHOWN:
+        console.print(f"... {len(coefs) - _ROWS_SHOWN} more in the JSON file")
     console.print(
         f"frame: {result['frame']}\nbasis: {result['basis']}", highlight=False
     )
@@ -130,13 +137,7 @@ def print_result(console: Console, result: dict) -> None:
         f"{result['recovered']['message']}.",
     ):
         console.print(Padding(paragraph, (0, 0, 0, 2)), highlight=False)
-    console.print("\nwritten:")
+    console.print(f"\nspheres: {PANELS}", highlight=False)
+    console.print("written:")
     for name in result["files"].values():
-        console.print(f"  {name}", highlight=False)
-
-
-def _report_line(report: dict) -> str:
-    guessed = " (told from its shape)" if report["layout_guessed"] else ""
-    line = f"{report['width']} x {report['height']} {report['format']}, "
-    line += f"{report['layout']}{guessed}"
-    return f"{line}; {report['action']}" if report["action"] else line
+        console.print(f"  {name}", highlight=False, markup=False)

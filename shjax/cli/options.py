@@ -1,10 +1,15 @@
-"""Options that several commands share."""
+"""Options, and the step from a map to coefficients, that several commands share."""
 
 from __future__ import annotations
 
 import click
+import jax
 import numpy as np
 
+import shjax
+from shjax.envmap import EnvironmentMap
+from shjax.io.envmaps import INVALID_CHOICES
+from shjax.layouts import LAYOUTS
 from shjax.sphere import yaw_pitch_roll
 from shjax.windows import NAMES
 
@@ -66,3 +71,49 @@ axes_option = click.option(
     help="The other tool's x, y and z as signed axes of shjax (z up, x the panorama's "
     "centre), like x,z,-y.",
 )
+
+layout_option = click.option(
+    "--layout",
+    default="auto",
+    show_default=True,
+    type=click.Choice(["auto", *LAYOUTS]),
+    help="How an environment map covers the sphere.",
+)
+
+invalid_option = click.option(
+    "--invalid",
+    default="error",
+    show_default=True,
+    type=click.Choice(INVALID_CHOICES),
+    help="What to do with NaN, infinite and negative pixels.",
+)
+
+
+def light_of(
+    envmap: EnvironmentMap, l_max: int, rotation: np.ndarray | None
+) -> tuple[jax.Array, str]:
+    """Coefficients of a map, turned, and by which quadrature.
+
+    A lat-long map too small for the degree is taken as constant over each pixel.
+    """
+    rows, columns = envmap.image.shape[:2]
+    small = envmap.layout == "latlong" and min(rows, columns) < 2 * l_max + 1
+    quadrature = "pixel" if small else "fejer"
+    if envmap.layout != "latlong":
+        quadrature = "pixel centres, exact solid angles"
+        lighting = envmap.lighting(l_max=l_max)
+    else:
+        lighting = envmap.lighting(l_max=l_max, quadrature=quadrature)
+    if rotation is not None:
+        lighting = shjax.rotate(lighting, rotation)
+    return lighting, quadrature
+
+
+def quadrature_note(quadrature: str, l_max: int) -> str:
+    """What to say of a map that is too small for its degree; empty otherwise."""
+    if quadrature != "pixel":
+        return ""
+    return (
+        f"fewer than {2 * l_max + 1} rows or columns: taken as constant over each pixel "
+        "(quadrature 'pixel')"
+    )

@@ -11,15 +11,19 @@ from jaxtyping import Float
 
 from shjax.arrays import Array, as_float, check_channels
 
+HIGHEST_DEGREE = 1024
+
 
 def check_l_max(l_max: int, name: str = "l_max") -> int:
-    """Return ``l_max`` if it is a whole number of at least 0.
+    """Return ``l_max`` if it is a whole number from 0 to 1024.
 
     Raises:
         ValueError: If it is not.
     """
     if isinstance(l_max, bool) or not isinstance(l_max, (int, np.integer)) or l_max < 0:
         raise ValueError(f"{name} must be a whole number >= 0; got {l_max!r}.")
+    if l_max > HIGHEST_DEGREE:
+        raise ValueError(f"{name} must be at most {HIGHEST_DEGREE}; got {l_max}.")
     return int(l_max)
 
 
@@ -64,6 +68,12 @@ def orders(l_max: int) -> np.ndarray:
     """
     l = degrees(l_max)
     return np.arange(num_coefs(l_max)) - l * (l + 1)
+
+
+def cosine_sine_slots(l_max: int) -> np.ndarray:
+    """Where each flat index lies in l x m x (cos, sin), ``(K,)``."""
+    l, m = degrees(l_max), orders(l_max)
+    return (l * (l_max + 1) + np.abs(m)) * 2 + (m < 0)
 
 
 def spread(gains: Float[Array, "*batch L"]) -> Float[jax.Array, "*batch K"]:

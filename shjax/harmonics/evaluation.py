@@ -18,9 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_vectors
+from shjax.arrays import Array, as_float, check_vectors, in_blocks
 from shjax.harmonics import legendre
-from shjax.harmonics.degrees import check_l_max, degree_of_coefs, degrees, orders
+from shjax.harmonics.degrees import check_l_max, cosine_sine_slots, degree_of_coefs
 
 _UNROLLED_TO = 8
 _BLOCK = 2048  # points at a time in the scan
@@ -151,20 +151,11 @@ def _fused_sum_jvp(primals, tangents):
 _fused_sum.defjvp(_fused_sum_jvp, symbolic_zeros=True)
 
 
-def _in_blocks(points: jax.Array) -> tuple[jax.Array, int]:
-    """``(N, 3)`` as ``(blocks, size, 3)``, filled up with zeros, and N."""
-    n = points.shape[0]
-    size = min(_BLOCK, max(n, 1))
-    padded = jnp.pad(points, ((0, -n % size), (0, 0)))
-    return padded.reshape(-1, size, 3), n
-
-
 def _scanned_sum(columns: jax.Array, points: jax.Array, l_max: int) -> jax.Array:
-    l, m = degrees(l_max), orders(l_max)
-    slots = (l * (l_max + 1) + np.abs(m)) * 2 + (m < 0)
+    slots = cosine_sine_slots(l_max)
     rows = jnp.zeros(((l_max + 1) ** 2 * 2, columns.shape[1]), columns.dtype)
     rows = rows.at[slots].set(columns, unique_indices=True)
-    rows = rows.reshape(l_max + 1, l_max + 1, 2, -1)
+    rows = rows.reshape(l_max + 1, l_max + 1, 2, columns.shape[1])
 
     @jax.checkpoint  # the gradient recomputes the functions of a block
     def block(some):
@@ -183,14 +174,15 @@ def _scanned_sum(columns: jax.Array, points: jax.Array, l_max: int) -> jax.Array
         tables = legendre.scan_steps(l_max, columns.dtype)
         return jax.lax.scan(degree, (start, zero), (tables, rows))[0][1]
 
-    blocks, n = _in_blocks(points)
-    return jax.lax.map(block, blocks).reshape(-1, columns.shape[1])[:n]
+    n, channels = points.shape[0], columns.shape[1]
+    blocks = in_blocks(points, min(_BLOCK, max(n, 1)))
+    values = jax.lax.map(block, blocks)
+    return values.reshape(blocks.shape[0] * blocks.shape[1], channels)[:n]
 
 
 def _scanned_basis(points: jax.Array, l_max: int) -> jax.Array:
     """``(N, 3)`` to ``(N, K)``."""
-    l, m = degrees(l_max), orders(l_max)
-    slots = (l * (l_max + 1) + np.abs(m)) * 2 + (m < 0)
+    slots = cosine_sine_slots(l_max)
     start, step = _recurrence(points, l_max)
     tables = legendre.scan_steps(l_max, points.dtype)
     _, values = jax.lax.scan(step, start, tables)  # [l, m, s, n]

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.harmonics import legendre, tables
-from shjax.harmonics.degrees import degrees, orders
+from shjax.harmonics.degrees import cosine_sine_slots
 from shjax.harmonics.grid import Grid
 
 einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
@@ -43,14 +43,14 @@ def analyze(radiance: jax.Array, grid: Grid, l_max: int) -> jax.Array:
     steps = legendre.scan_steps(l_max, dtype)
     _, by_degree = jax.lax.scan(degree, legendre.start(seeds), steps)  # [l, m, s, c]
     flat = by_degree.reshape(-1, radiance.shape[-1])
-    return jnp.take(flat, _positions(l_max), axis=0)
+    return jnp.take(flat, cosine_sine_slots(l_max), axis=0)
 
 
 def synthesize(coefs: jax.Array, grid: Grid, l_max: int) -> jax.Array:
     """``(K, C)`` to ``(n_theta, n_phi, C)``."""
     dtype, channels, m = coefs.dtype, coefs.shape[-1], np.arange(l_max + 1)
     flat = jnp.zeros(((l_max + 1) ** 2 * 2, channels), dtype)
-    flat = flat.at[_positions(l_max)].set(coefs, unique_indices=True)
+    flat = flat.at[cosine_sine_slots(l_max)].set(coefs, unique_indices=True)
     by_degree = flat.reshape(l_max + 1, l_max + 1, 2, channels)  # [l, m, s, c]
     seeds, z = _seeds(grid.theta, l_max, dtype)
 
@@ -79,12 +79,6 @@ def _phases(n_phi: int, l_max: int) -> np.ndarray:
     """``e^(i m phi_0)`` of the first column, ``(1, m, 1)``: phi_j = phi_0 - 2 pi j / n."""
     first = np.pi - np.pi / n_phi
     return np.exp(1j * np.arange(l_max + 1) * first)[None, :, None]
-
-
-def _positions(l_max: int) -> np.ndarray:
-    """Where each flat coefficient lies in l x m x (cos, sin), ``(K,)``."""
-    l, m = degrees(l_max), orders(l_max)
-    return (l * (l_max + 1) + np.abs(m)) * 2 + (m < 0)
 
 
 def _seeds(

@@ -40,7 +40,9 @@ def rotate(
 
     To read the same light in another frame whose axes are the rows of ``R``, pass that
     ``R``. Differentiable in both arguments, at the identity too; a change of ``rotation``
-    that leads out of the orthogonal matrices counts by its part along them.
+    that leads out of the orthogonal matrices counts by its part along them. Above degree
+    128 call it eagerly: one degree's table is held at a time, where ``jit`` would unroll
+    all of them into one program.
 
     Args:
         coefs: Coefficients, ``(..., K, C)``.

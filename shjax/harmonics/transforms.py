@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels
+from shjax.arrays import Array, as_float, check_channels, in_blocks
 from shjax.harmonics import phi_first, theta_first
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs
 from shjax.harmonics.evaluation import basis
@@ -147,14 +147,8 @@ def project_samples(
     if n <= size:
         return project(radiance, directions, weights)
     # Blocks of samples, so that the basis of all of them is never stored.
-    padding = -n % size
     light = jnp.moveaxis(radiance, -2, 0)
-    blocks = [
-        jnp.pad(a, [(0, padding)] + [(0, 0)] * (a.ndim - 1)).reshape(
-            -1, size, *a.shape[1:]
-        )
-        for a in (light, directions, weights)
-    ]
+    blocks = tuple(in_blocks(a, size) for a in (light, directions, weights))
 
     @jax.checkpoint
     def add(total, block):
@@ -162,7 +156,7 @@ def project_samples(
         return total + project(jnp.moveaxis(light, 0, -2), towards, weight), None
 
     shape = (*radiance.shape[:-2], (l_max + 1) ** 2, radiance.shape[-1])
-    return jax.lax.scan(add, jnp.zeros(shape, radiance.dtype), tuple(blocks))[0]
+    return jax.lax.scan(add, jnp.zeros(shape, radiance.dtype), blocks)[0]
 
 
 def _in_parts(run, batch: np.ndarray, rank: int) -> jax.Array:

@@ -140,13 +140,15 @@ def wigner_d(
         ``(2 l + 1, 2 l + 1)``, in the angle's type.
 
     Raises:
-        ValueError: If ``l`` is not a whole number >= 0.
+        ValueError: If ``l`` is not a whole number from 0 to 1024, or ``angle`` no number.
 
     >>> [f"{x:.3f}" for x in wigner_d(1, np.float32(0.5))[2]]  # x of a turned vector
     ['0.000', '0.479', '0.878']
     """
     l = check_l_max(l, "l")
-    angle = as_float("angle", angle)
+    angle = as_float("angle", float(angle) if isinstance(angle, int) else angle)
+    if angle.shape != ():
+        raise ValueError(f"angle must be a number; got shape {angle.shape}.")
     return _wigner_d(angle, jnp.asarray(eigenvectors(l, l + 1), angle.dtype), l=l)
 
 

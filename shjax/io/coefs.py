@@ -29,7 +29,7 @@ _COMMENTS = {  # what cmgen writes behind a coefficient's name, by its scale
     "cmgen shader": ", irradiance, pre-scaled base",
 }
 _LINE = re.compile(
-    r"\(\s*([^,\s]+),\s*([^,\s]+),\s*([^,\s)]+)\);\s*//\s*L(\d+?)(-?\d+)(, .*)?\s*$"
+    r"\(\s*([^,\s]+),\s*([^,\s]+),\s*([^,\s)]+)\);\s*//\s*L([-\d]+)(, .*)?\s*$"
 )
 
 
@@ -175,7 +175,11 @@ def write_coefs(
         )
     name = chosen.convention or convention
     values = np.asarray(convert(np.asarray(coefs), to=name, axes=axes), np.float64)
-    write_text(path, chosen.write(values, name))
+    text = chosen.write(values, name)
+    if format == "json" and axes is not None:  # so that it can be read back
+        body = json.loads(text) | {"axes": np.asarray(axes, float).tolist()}
+        text = json.dumps(body, indent=1) + "\n"
+    write_text(path, text)
 
 
 def read_coefs(
@@ -204,44 +208,47 @@ def read_coefs(
     try:
         whole = path.read_text(encoding="utf-8")
         parse = _parse_json if text.startswith(b"{") else _parse_cmgen
-        values, convention = parse(whole)
-    except (ValueError, KeyError, TypeError) as error:
+        values, convention, axes = parse(whole)
+        degree_of_coefs(values.shape, "coefficients")
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: damaged coefficients ({error}).") from None
     if not np.all(np.isfinite(values)):
         raise ValueError(f"{path}: holds coefficients that are not finite.")
     if no_mirror and convention.startswith("cmgen"):
         convention = convention.replace("cmgen", "cmgen no-mirror")
     try:
-        return np.asarray(convert(values.astype(np.float32), from_=convention))
+        given = values.astype(np.float32)
+        return np.asarray(convert(given, from_=convention, axes=axes))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _parse_json(text: str) -> tuple[np.ndarray, str]:
+def _parse_json(text: str) -> tuple[np.ndarray, str, np.ndarray | None]:
     body = json.loads(text)
+    if "extensions" in body:
+        raise ValueError("a glTF block is written only, not read")
     if body.get("object", {}).get("type") == "LightProbe":
         values = np.asarray(body["object"]["sh"], np.float64).reshape(9, 3)
-        return values * float(body["object"].get("intensity", 1)), "three.js"
+        return values * float(body["object"].get("intensity", 1)), "three.js", None
     values = np.asarray(body["coefficients"], np.float64)
-    degree_of_coefs(values.shape, "coefficients")
-    return values, body.get("convention", "shjax")
+    axes = body.get("axes")
+    axes = None if axes is None else np.asarray(axes, np.float64).reshape(3, 3)
+    return values, str(body.get("convention", "shjax")), axes
 
 
-def _parse_cmgen(text: str) -> tuple[np.ndarray, str]:
-    rows, comments = {}, set()
-    for line in filter(None, map(str.strip, text.splitlines())):
+def _parse_cmgen(text: str) -> tuple[np.ndarray, str, None]:
+    lines = list(filter(None, map(str.strip, text.splitlines())))
+    l_max = degree_of_coefs((len(lines), 3), "sh.txt")
+    values, comments = [], set()
+    # By place: the name of (10, 0), L100, could also be that of (1, 0) and a 0.
+    places = zip(lines, degrees(l_max), orders(l_max), strict=True)
+    for line, l, m in places:
         found = _LINE.match(line)
-        if found is None:
-            raise ValueError(f"not a line of sh.txt: {line[:60]!r}")
-        key = int(found[4]), int(found[5])
-        rows[key] = [float(found[k]) for k in (1, 2, 3)]
-        comments.add(found[6] or "")
-    values = np.array([rows[key] for key in sorted(rows)])
-    l_max = degree_of_coefs(values.shape, "sh.txt")
-    expected = list(zip(degrees(l_max).tolist(), orders(l_max).tolist(), strict=True))
-    if sorted(rows) != expected:
-        raise ValueError("some coefficients are missing")
+        if found is None or found[4] != f"{l}{m}":
+            raise ValueError(f"not the line of L{l}{m}: {line[:60]!r}")
+        values.append([float(found[k]) for k in (1, 2, 3)])
+        comments.add(found[5] or "")
     by_comment = {comment: name for name, comment in _COMMENTS.items()}
     if len(comments) != 1 or not comments <= set(by_comment):
         raise ValueError(f"unknown comments: {sorted(comments)}")
-    return values, by_comment[comments.pop()]
+    return np.array(values), by_comment[comments.pop()], None

@@ -101,10 +101,10 @@ def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
 
 
 def _negative_share(radiance: np.ndarray, weights: np.ndarray) -> float:
-    """Energy of the negative values as a share of the energy of the positive ones."""
+    """Energy of the negative values as a share of all, both counted as positive."""
     flux = radiance.astype(np.float64) * weights[:, None]
-    below, above = -flux[flux < 0].sum(), flux[flux > 0].sum()
-    return float(below / above) if above > 0 else (np.inf if below > 0 else 0.0)
+    whole = np.abs(flux).sum()
+    return float(-flux[flux < 0].sum() / whole) if whole > 0 else 0.0
 
 
 def _refuse(envmap: EnvironmentMap, non_finite: np.ndarray, share: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -85,12 +86,16 @@ def write_exr(path: Path, image: np.ndarray, attributes: Mapping[str, str]) -> N
 @contextlib.contextmanager
 def _quiet_library() -> Iterator[None]:
     """Keep the C library from printing beside the exception that it also raises."""
-    saved = os.dup(2)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    saved = [os.dup(stream) for stream in (1, 2)]
     sink = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(sink, 2)
+        for stream in (1, 2):
+            os.dup2(sink, stream)
         yield
     finally:
-        os.dup2(saved, 2)
-        os.close(saved)
+        for stream, kept in zip((1, 2), saved, strict=True):
+            os.dup2(kept, stream)
+            os.close(kept)
         os.close(sink)

@@ -17,7 +17,9 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         OSError: If the folder cannot be written to.
     """
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
+    if target.is_dir():
+        raise IsADirectoryError(f"{target}: is a folder, not a file to write.")
     handle, name = tempfile.mkstemp(
         prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent
     )
@@ -29,6 +31,35 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a folder that cannot be made or written to, before any work is done.
+
+    Raises:
+        OSError: If something else stands there, or the permission is missing.
+    """
+    nearest = path.absolute()
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    if not nearest.is_dir():
+        raise NotADirectoryError(f"{path}: cannot be a folder, {nearest} is a file.")
+    if not os.access(nearest, os.W_OK):
+        raise PermissionError(f"{path}: {nearest} cannot be written to.")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, with those above it; an existing one is fine.
+
+    Raises:
+        OSError: If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise type(error)(
+            f"{path}: cannot be made a folder ({error.strerror})."
+        ) from None
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:
