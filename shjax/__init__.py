@@ -16,6 +16,7 @@ from shjax import render as render
 from shjax.conventions import convert as convert
 from shjax.envmap import EnvironmentMap as EnvironmentMap
 from shjax.envmap import make_envmap as make_envmap
+from shjax.estimate import Estimate as Estimate
 from shjax.harmonics import analyze as analyze
 from shjax.harmonics import basis as basis
 from shjax.harmonics import evaluate as evaluate
@@ -45,7 +46,6 @@ from shjax.windows import window as window
 if TYPE_CHECKING:
     from shjax import inverse as inverse
     from shjax import io as io
-    from shjax.inverse import Estimate as Estimate
     from shjax.inverse import estimate_lighting as estimate_lighting
 
 __version__ = "0.1.0"
@@ -53,7 +53,6 @@ __version__ = "0.1.0"
 _LAZY = {
     "io": "shjax.io",
     "inverse": "shjax.inverse",
-    "Estimate": "shjax.inverse",
     "estimate_lighting": "shjax.inverse",
 }
 

@@ -15,6 +15,7 @@ PACKAGE = Path(shjax.__file__).parent
 # Each module may import those of the same or of an earlier line, never a later one.
 LAYERS = [
     ["shjax.arrays"],
+    ["shjax.estimate"],
     ["shjax.sphere"],
     ["shjax.harmonics"],
     ["shjax.layouts", "shjax.irradiance"],
