@@ -12,8 +12,17 @@ need are loaded when first used.
 import importlib
 from typing import TYPE_CHECKING
 
+from shjax import brdf as brdf
 from shjax import render as render
+from shjax import shrm as shrm
+from shjax.angular import reference_reflection as reference_reflection
+from shjax.angular import (
+    reference_reflection_samples as reference_reflection_samples,
+)
 from shjax.conventions import convert as convert
+from shjax.convolution import convolve as convolve
+from shjax.convolution import reflect as reflect
+from shjax.convolution import reflected_coefs as reflected_coefs
 from shjax.envmap import EnvironmentMap as EnvironmentMap
 from shjax.envmap import make_envmap as make_envmap
 from shjax.estimate import Estimate as Estimate
@@ -35,11 +44,23 @@ from shjax.irradiance import irradiance_coefs as irradiance_coefs
 from shjax.irradiance import irradiance_from_matrix as irradiance_from_matrix
 from shjax.irradiance import irradiance_matrix as irradiance_matrix
 from shjax.irradiance import irradiance_polynomial as irradiance_polynomial
+from shjax.kernels import BrdfExpansion as BrdfExpansion
+from shjax.kernels import brdf_coefs as brdf_coefs
+from shjax.kernels import expand_brdf as expand_brdf
+from shjax.kernels import radial_coefs as radial_coefs
+from shjax.orders import choose_orders as choose_orders
+from shjax.orders import energy_held as energy_held
+from shjax.orders import lighting_order as lighting_order
+from shjax.orders import predicted_energy_error as predicted_energy_error
+from shjax.orders import predicted_error as predicted_error
+from shjax.orders import residual_heuristic as residual_heuristic
 from shjax.reference import irradiance_error as irradiance_error
 from shjax.reference import reference_irradiance as reference_irradiance
 from shjax.reference import (
     reference_irradiance_samples as reference_irradiance_samples,
 )
+from shjax.shrm import prefilter as prefilter
+from shjax.shrm import prefilter_cube as prefilter_cube
 from shjax.windows import dering as dering
 from shjax.windows import window as window
 

@@ -29,6 +29,18 @@ def normalize(vectors: Float[Array, "*batch 3"]) -> Float[jax.Array, "*batch 3"]
     return jnp.where(nonzero, vectors / length, 0)
 
 
+def mirror(
+    normals: Float[Array, "*batch 3"], views: Float[Array, "*batch 3"]
+) -> Float[jax.Array, "*batch 3"]:
+    """The reflected direction ``R = 2 (n.v) n - v``.
+
+    >>> mirror(jnp.array([0.0, 0.0, 1.0]), jnp.array([0.6, 0.0, 0.8])).round(1).tolist()
+    [-0.6000000238418579, 0.0, 0.800000011920929]
+    """
+    cosine = jnp.sum(normals * views, axis=-1, keepdims=True)
+    return 2 * cosine * normals - views
+
+
 def latlong_theta(n_theta: int) -> np.ndarray:
     """Polar angles of the rows' centres, ``(n_theta,)``, radians."""
     return np.pi * (np.arange(n_theta) + 0.5) / n_theta
@@ -91,6 +103,38 @@ def fibonacci_directions(n: int) -> np.ndarray:
     z = 1 - (2 * np.arange(n) + 1) / n
     golden = np.pi * (3 - np.sqrt(5.0))
     return spherical_directions(np.arccos(z), golden * np.arange(n))
+
+
+def cube_directions(size: int) -> np.ndarray:
+    """Unit vectors of a cube map's pixels, ``(6, size, size, 3)``, float64.
+
+    Faces +x, -x, +y, -y, +z, -z. Each is stored as seen from inside with the panorama's
+    up: rows fall in z on the four sides; the top face's lower edge joins face +x, as the
+    bottom face's upper edge does.
+    """
+    across = (np.arange(size) + 0.5) * (2 / size) - 1
+    right, down = np.meshgrid(across, across)
+    one = np.ones_like(right)
+    faces = [
+        (one, -right, -down),
+        (-one, right, -down),
+        (right, one, -down),
+        (-right, -one, -down),
+        (down, -right, one),
+        (-down, -right, -one),
+    ]
+    vectors = np.stack([np.stack(face, axis=-1) for face in faces])
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def icosahedron() -> np.ndarray:
+    """The twelve vertices of an icosahedron, two at the poles: ``(12, 3)``, float64."""
+    turn = 2 * np.pi * np.arange(5) / 5
+    ring = np.arctan(2.0)
+    upper = spherical_directions(np.full(5, ring), turn)
+    lower = spherical_directions(np.full(5, np.pi - ring), turn + np.pi / 5)
+    poles = np.array([[0.0, 0, 1], [0, 0, -1]])
+    return np.concatenate([poles[:1], upper, lower, poles[1:]])
 
 
 def yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> np.ndarray:

@@ -146,12 +146,14 @@ class Step(NamedTuple):
     odd: jax.Array
 
 
-def scan_steps(l_max: int, dtype) -> Step:
+def scan_steps(l_max: int, dtype, m_max: int | None = None) -> Step:
     """What a scan over degrees hands to :func:`next_degree`, ``(l, m, 1)`` each."""
-    degree, order = np.arange(l_max + 1)[:, None], np.arange(l_max + 1)
+    m_max = l_max if m_max is None else m_max
+    degree, order = np.arange(l_max + 1)[:, None], np.arange(m_max + 1)
     scale, lag = step_coefs(degree, order)
     product = scale * lag
-    tables = (scale, lag, product, scale - product - 1, np.eye(l_max + 1))
+    born = np.eye(l_max + 1, m_max + 1)
+    tables = (scale, lag, product, scale - product - 1, born)
     return Step(
         *(jnp.asarray(table[..., None].astype(float), dtype) for table in tables),
         odd=jnp.asarray(((degree - order) % 2 == 1)[..., None]),
@@ -195,6 +197,19 @@ def next_degree(
     actual = jnp.where(power == 0, new.last, new.last / _SCALE)
     actual = jnp.where(power < -1, 0, actual)
     return new, jnp.where(flip, -actual, actual)
+
+
+def seeds_of_rings(theta: np.ndarray, l_max: int, m_max: int, dtype) -> Seeds:
+    """``P_mm`` of the orders to ``m_max`` at known polar angles, ``(m, n)``."""
+    m = np.arange(m_max + 1)[:, None]
+    sine, norms = np.sin(theta), seed_norms(m_max)[:, None]
+    if not carries_power(l_max, dtype):
+        return Seeds(jnp.asarray(norms * sine**m, dtype), None)
+    tiny = 1e-300  # the ring of a pole itself
+    log = np.log2(norms) + m * np.log2(np.maximum(sine, tiny))
+    power = np.minimum(np.ceil(log / 64), 0)
+    value = jnp.asarray(np.exp2(log - 64 * power), dtype)
+    return Seeds(value, jnp.asarray(power, jnp.int32))
 
 
 def rescale_up(value: jax.Array, power: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -34,7 +34,9 @@ def analyze(radiance: jax.Array, grid: Grid, l_max: int) -> jax.Array:
     gains = jnp.asarray(gains * weights.reshape(-1, 1), dtype)[:, :, None, None]
     parts = jnp.stack([waves.real, waves.imag], axis=2)  # [h, m, s, c]
     parts = jnp.repeat(parts, theta.shape[1], axis=0) * gains
-    seeds, z = _seeds(theta.ravel(), l_max, dtype)
+    theta = theta.ravel()
+    seeds = legendre.seeds_of_rings(theta, l_max, l_max, dtype)
+    z = legendre.heights_of_rings(theta, dtype)
 
     def degree(state, step):
         state, values = legendre.next_degree(state, step, z, seeds)
@@ -52,7 +54,8 @@ def synthesize(coefs: jax.Array, grid: Grid, l_max: int) -> jax.Array:
     flat = jnp.zeros(((l_max + 1) ** 2 * 2, channels), dtype)
     flat = flat.at[cosine_sine_slots(l_max)].set(coefs, unique_indices=True)
     by_degree = flat.reshape(l_max + 1, l_max + 1, 2, channels)  # [l, m, s, c]
-    seeds, z = _seeds(grid.theta, l_max, dtype)
+    seeds = legendre.seeds_of_rings(grid.theta, l_max, l_max, dtype)
+    z = legendre.heights_of_rings(grid.theta, dtype)
 
     def degree(carry, inputs):
         state, total = carry
@@ -79,19 +82,3 @@ def _phases(n_phi: int, l_max: int) -> np.ndarray:
     """``e^(i m phi_0)`` of the first column, ``(1, m, 1)``: phi_j = phi_0 - 2 pi j / n."""
     first = np.pi - np.pi / n_phi
     return np.exp(1j * np.arange(l_max + 1) * first)[None, :, None]
-
-
-def _seeds(
-    theta: np.ndarray, l_max: int, dtype
-) -> tuple[legendre.Seeds, legendre.Heights]:
-    """Seeds and heights at polar angles."""
-    m = np.arange(l_max + 1)[:, None]
-    sine, norms = np.sin(theta), legendre.seed_norms(l_max)[:, None]
-    z = legendre.heights_of_rings(theta, dtype)
-    if not legendre.carries_power(l_max, dtype):
-        return legendre.Seeds(jnp.asarray(norms * sine**m, dtype), None), z
-    tiny = 1e-300  # the ring of a pole itself
-    log = np.log2(norms) + m * np.log2(np.maximum(sine, tiny))
-    power = np.minimum(np.ceil(log / 64), 0)
-    value = jnp.asarray(np.exp2(log - 64 * power), dtype)
-    return legendre.Seeds(value, jnp.asarray(power, jnp.int32)), z

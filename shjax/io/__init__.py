@@ -11,4 +11,6 @@ from shjax.io.envmaps import read_envmap as read_envmap
 from shjax.io.envmaps import shipped_panorama as shipped_panorama
 from shjax.io.images import read_image as read_image
 from shjax.io.images import write_image as write_image
+from shjax.io.kernels import read_brdf_coefs as read_brdf_coefs
+from shjax.io.kernels import write_brdf_coefs as write_brdf_coefs
 from shjax.io.writing import write_text as write_text

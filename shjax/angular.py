@@ -1,0 +1,268 @@
+"""Reflection by integration over every pixel of the light: the truth, and the competitor.
+
+No harmonics: for each normal and view the transfer function is evaluated at every sample
+of the light and summed, in tiles of points by blocks of samples. With ``lobe_energy`` only
+the samples in the lobe's cap are visited, as the thesis's own angular method does.
+
+References:
+    [T5] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, sections 5.6.3 and 5.7.4.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float
+
+from shjax.arrays import Array, as_float, check_channels, check_vectors, in_blocks
+from shjax.brdf.core import Brdf, Local, by_frame, frames, prepared, transfer_local
+from shjax.brdf.quadrature import kind_of, lobe_angle
+from shjax.convolution import common_channels
+from shjax.harmonics.grid import Grid
+from shjax.sphere import cube_directions, latlong_directions, mirror
+
+_TILE, _BLOCK = 32, 1024
+_matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+
+
+def reference_reflection(
+    radiance: Float[Array, "n_theta n_phi C"],
+    brdf: Brdf,
+    normals: Float[Array, "*points 3"],
+    views: Float[Array, "*points 3"],
+    *,
+    tangents: Float[Array, "*points 3"] | None = None,
+    lobe_energy: float | None = None,
+) -> Float[jax.Array, "*points E"]:
+    """Radiance reflected from a lat-long panorama, by the integral [T5, Eq. 5.2].
+
+    Args:
+        radiance: Panorama as it is stored.
+        brdf: The reflectance.
+        normals: Unit normals.
+        views: Unit vectors to the viewer.
+        tangents: Unit tangents, for parts about the tangent.
+        lobe_energy: Visit only the samples in a cap about the reflected direction that
+            holds this share of the outgoing flux (0.95 in [T5, section 5.7.4]); default:
+            all samples. Runs eagerly.
+
+    Returns:
+        Radiance ``(*points, C)``, in the panorama's type.
+
+    Raises:
+        ValueError: If a shape is wrong, tangents are missing, or ``lobe_energy`` is not
+            in (0, 1] or asked for inside ``jit``.
+    """
+    if radiance.ndim != 3:
+        raise ValueError(
+            f"radiance must have shape (n_theta, n_phi, C); got {radiance.shape}."
+        )
+    check_channels("radiance", radiance.shape, "n_theta, n_phi, C", 3)
+    n_theta, n_phi, channels = radiance.shape
+    directions = latlong_directions(n_theta, n_phi).reshape(-1, 3)
+    weights = np.repeat(Grid(n_theta, n_phi).weights, n_phi)
+    return reference_reflection_samples(
+        radiance.reshape(-1, channels),
+        directions,
+        weights,
+        brdf,
+        normals,
+        views,
+        tangents=tangents,
+        lobe_energy=lobe_energy,
+    )
+
+
+def reference_reflection_samples(
+    radiance: Float[Array, "N C"],
+    directions: Float[Array, "N 3"],
+    weights: Float[Array, " N"],
+    brdf: Brdf,
+    normals: Float[Array, "*points 3"],
+    views: Float[Array, "*points 3"],
+    *,
+    tangents: Float[Array, "*points 3"] | None = None,
+    lobe_energy: float | None = None,
+) -> Float[jax.Array, "*points E"]:
+    """The same over samples at any directions: ``sum_n w_n L_n rho(d_n, v)``.
+
+    Args:
+        radiance: Samples.
+        directions: Their unit vectors.
+        weights: Their solid angles, steradians.
+        brdf: The reflectance.
+        normals: Unit normals.
+        views: Unit vectors to the viewer.
+        tangents: Unit tangents, for parts about the tangent.
+        lobe_energy: As in :func:`reference_reflection`.
+
+    Returns:
+        Radiance ``(*points, C)``, in the samples' type.
+
+    Raises:
+        ValueError: As :func:`reference_reflection`.
+    """
+    check_channels("radiance", radiance.shape, "N, C", 2)
+    radiance = as_float("radiance", radiance)
+    dtype, n = radiance.dtype, radiance.shape[0]
+    if directions.shape != (n, 3) or weights.shape != (n,):
+        raise ValueError(
+            f"directions and weights must have shapes ({n}, 3) and ({n},); "
+            f"got {directions.shape} and {weights.shape}."
+        )
+    channels = common_channels(radiance.shape[-1], brdf.channels, "brdf")
+    points = {"normals": normals, "views": views}
+    if tangents is not None:
+        points["tangents"] = tangents
+    flat = {}
+    for name, vectors in points.items():
+        check_vectors(name, vectors.shape)
+        if vectors.shape != normals.shape:
+            raise ValueError(
+                f"{name} must have the shape of normals {normals.shape}; got "
+                f"{vectors.shape}."
+            )
+        flat[name] = as_float(name, vectors).astype(dtype).reshape(-1, 3)
+    by_frame(brdf, normals, tangents)
+    flux = radiance * jnp.asarray(weights, dtype)[:, None]
+    directions = jnp.asarray(directions, dtype)
+    if normals.size == 0:
+        return jnp.zeros((*normals.shape[:-1], channels), dtype)
+    if lobe_energy is None:
+        values = _integrate(directions, flux, brdf, flat)
+    else:
+        values = _truncated(directions, flux, brdf, flat, lobe_energy)
+    return values.reshape(*normals.shape[:-1], channels)
+
+
+@jax.jit
+def _integrate(directions, flux, brdf: Brdf, points: dict[str, jax.Array]) -> jax.Array:
+    ready = prepared(brdf)
+    blocks = (in_blocks(directions, _BLOCK), in_blocks(flux, _BLOCK))
+    channels = common_channels(flux.shape[-1], brdf.channels, "brdf")
+
+    @jax.checkpoint  # the gradient evaluates the BRDF again, and stays small
+    def add_block(total, block, tile):
+        towards, light = block
+        return total + _sum_block(ready, towards, light, tile), None
+
+    def one_tile(tile):
+        zero = jnp.zeros((tile["normals"].shape[0], channels), flux.dtype)
+        step = functools.partial(add_block, tile=tile)
+        return jax.lax.scan(step, zero, blocks)[0]
+
+    n = points["normals"].shape[0]
+    tiles = {name: _padded(a, min(_TILE, n)) for name, a in points.items()}
+    return jax.lax.map(one_tile, tiles).reshape(-1, channels)[:n]
+
+
+def _padded(vectors: jax.Array, size: int) -> jax.Array:
+    """In tiles; what fills the last one up looks along +z, so that it stays finite."""
+    tiles = in_blocks(vectors, size)
+    empty = jnp.all(tiles == 0, axis=-1, keepdims=True)
+    up = jnp.asarray([0.0, 0.0, 1.0], tiles.dtype)
+    return jnp.where(empty, jnp.broadcast_to(up, tiles.shape), tiles)
+
+
+def _sum_block(brdf: Brdf, directions, flux, tile, inside=None) -> jax.Array:
+    """Sum over a block of samples for a tile of points, ``(T, C)``."""
+    total, normals = None, tile["normals"]
+    for axes, part in by_frame(brdf, normals, tile.get("tangents")):
+        frame = frames(axes)
+        turned = _matmul(frame.reshape(-1, 3), directions.T)  # [t i, n]
+        turned = turned.reshape(normals.shape[0], 3, -1)
+        light = Local(turned[:, 0], turned[:, 1], turned[:, 2])
+        seen = jnp.sum(frame * tile["views"][:, None, :], axis=-1)  # [t, i]
+        spread = (jnp.broadcast_to(seen[:, i, None], light.x.shape) for i in range(3))
+        rho = transfer_local(part, light, Local(*spread))  # [c, t, n]
+        if inside is not None:
+            rho = jnp.where(jnp.broadcast_to(inside[None], rho.shape), rho, 0)
+        if rho.shape[0] == 1:
+            value = _matmul(rho[0], flux)
+        else:
+            shape = (flux.shape[0], rho.shape[0])
+            columns = jnp.broadcast_to(flux, shape)
+            value = jnp.einsum(
+                "ctn,nc->tc", rho, columns, precision=jax.lax.Precision.HIGHEST
+            )
+        total = value if total is None else total + value
+    return jnp.asarray(total)
+
+
+def _truncated(directions, flux, brdf: Brdf, points: dict, share: float) -> jax.Array:
+    """Integrate over the lobe's cap only: points in cells, each with its own samples."""
+    leaves = jax.tree.leaves((directions, brdf, points))
+    if any(isinstance(leaf, Tracer) for leaf in leaves):
+        raise ValueError(
+            "lobe_energy chooses samples by value and does not run in jit."
+        )
+    if not 0 < share <= 1:
+        raise ValueError(f"lobe_energy must lie in (0, 1]; got {share}.")
+    if kind_of(brdf) == "tangent":
+        raise ValueError("lobe_energy needs a lobe about the reflected direction.")
+    angle = lobe_angle(brdf, share)
+    reflected = np.asarray(mirror(points["normals"], points["views"]), np.float64)
+    side = int(np.clip(np.ceil(1.5 / angle), 1, 24))
+    centres = cube_directions(side).reshape(-1, 3)
+    cell = np.argmax(reflected @ centres.T, axis=1)
+    channels = common_channels(flux.shape[-1], brdf.channels, "brdf")
+    values = np.zeros((reflected.shape[0], channels), flux.dtype)
+    for group, size in _groups(
+        np.asarray(directions, np.float64), reflected, cell, angle
+    ):
+        lists = np.stack([np.resize(near, size) for _, near, _ in group])
+        counts = np.array([near.size for _, near, _ in group])
+        members = np.stack([some for some, _, _ in group])
+        tiles = {name: jnp.take(a, members, axis=0) for name, a in points.items()}
+        limit = jnp.asarray(np.cos(angle), flux.dtype)
+        found = _capped(directions, flux, brdf, tiles, lists, counts, limit)
+        real = np.concatenate([some[:k] for some, _, k in group])
+        kept = [np.asarray(found[i, :k]) for i, (_, _, k) in enumerate(group)]
+        values[real] = np.concatenate(kept)
+    return jnp.asarray(values)
+
+
+def _groups(directions, reflected, cell, angle: float):
+    """Tiles of one cell's points with the samples near them, by size of that list.
+
+    Yields:
+        Lists of (point indices of a full tile, sample indices, points that count), and
+        the padded length of the sample lists.
+    """
+    by_size: dict[int, list] = {}
+    for one in np.unique(cell):
+        members = np.flatnonzero(cell == one)
+        axis = reflected[members].mean(axis=0)
+        axis /= max(np.linalg.norm(axis), 1e-12)
+        spread = np.arccos(np.clip((reflected[members] @ axis).min(), -1, 1))
+        reach = np.cos(min(angle + spread + 1e-6, np.pi))
+        near = np.flatnonzero(directions @ axis >= reach)
+        size = 256 * 2 ** int(np.ceil(np.log2(max(near.size, 1) / 256).clip(0)))
+        for start in range(0, members.size, _TILE):
+            some = members[start : start + _TILE]
+            row = (np.resize(some, _TILE), near, some.size)
+            by_size.setdefault(min(size, max(directions.shape[0], 1)), []).append(row)
+    for size, rows in by_size.items():
+        yield [row for row in rows if row[1].size], size
+
+
+@jax.jit
+def _capped(directions, flux, brdf: Brdf, tiles, lists, counts, limit) -> jax.Array:
+    ready = prepared(brdf)
+
+    def one_tile(inputs):
+        tile, near, count = inputs
+        some, light = jnp.take(directions, near, axis=0), jnp.take(flux, near, axis=0)
+        reflected = mirror(tile["normals"], tile["views"])
+        inside = _matmul(reflected, some.T) >= limit
+        inside &= jnp.broadcast_to(
+            jnp.arange(near.shape[0])[None] < count, inside.shape
+        )
+        return _sum_block(ready, some, light, tile, inside)
+
+    return jax.lax.map(one_tile, (tiles, lists, counts))

@@ -1,0 +1,312 @@
+"""What a BRDF is here: a sum of parts, each a model with its parameters.
+
+A model knows one thing, its *transfer function* [T5, Eq. 5.1]: the BRDF times the clamped
+cosine (or what its paper defines in that place), for one channel, from the directions of
+light and view in the frame whose z is the normal (the tangent, for fibres). Isotropic
+models do not change when both directions are turned about z. Everything else (channels,
+sums, which centre a part is expanded about) is here, and no model knows it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float
+
+from shjax.arrays import Array, check_vectors
+
+Parameters = Mapping[str, jax.Array]
+
+
+class Local(NamedTuple):
+    """Components of directions in the local frame, arrays of one shape."""
+
+    x: jax.Array
+    y: jax.Array
+    z: jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """One reflectance model.
+
+    Attributes:
+        name: For messages and files.
+        transfer: ``(parameters, light, view)`` of one channel to values of their shape;
+            every parameter lacks its last axis, the channel.
+        centre: About what it is expanded: ``"reflection"``, ``"normal"``, ``"tangent"``.
+        horizon: Whether it is zero where light or view is below the surface.
+        radial: ``(parameters, l_max)`` to the gains ``a_l`` of a model that depends on
+            the angle between light and centre only, ``(l_max + 1,)``; None for others.
+        prepare: Parameters to parameters with tables made from them, for one channel;
+            done once, before any loop over directions.
+    """
+
+    name: str
+    transfer: Callable[[Parameters, Local, Local], jax.Array]
+    centre: str = "reflection"
+    horizon: bool = True
+    radial: Callable[[Parameters, int], jax.Array] | None = None
+    prepare: Callable[[Parameters], Parameters] | None = None
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("parameters", "weight"),
+    meta_fields=("model",),
+)
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A model, its parameters ``(..., C)`` (channel last) and a factor ``(C,)``."""
+
+    model: Model
+    parameters: dict[str, jax.Array]
+    weight: jax.Array
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=("parts",), meta_fields=()
+)
+@dataclasses.dataclass(frozen=True)
+class Brdf:
+    """A reflectance: the sum of its parts. Add two with ``+``, scale one with ``*``.
+
+    A pytree: parameters jit, batch (``jax.vmap``) and differentiate.
+    """
+
+    parts: tuple[Part, ...]
+
+    @property
+    def channels(self) -> int:
+        """How many channels it has; one part's single channel serves all of another's."""
+        return max(part.weight.shape[-1] for part in self.parts)
+
+    def __add__(self, other: Brdf) -> Brdf:
+        """Both together; a single channel of one serves all channels of the other."""
+        if not isinstance(other, Brdf):
+            return NotImplemented
+        counts = {self.channels, other.channels} - {1}
+        if len(counts) > 1:
+            raise ValueError(
+                "BRDFs to be added must have the same number of channels, or one; got "
+                f"{self.channels} and {other.channels}."
+            )
+        return Brdf(self.parts + other.parts)
+
+    def __mul__(self, factor) -> Brdf:
+        """Scaled by a number, or by one for each channel ``(C,)``."""
+        if isinstance(factor, Brdf):
+            return NotImplemented
+        scaled = []
+        for part in self.parts:
+            by = jnp.atleast_1d(jnp.asarray(factor, part.weight.dtype))
+            if by.ndim != 1 or len({by.shape[0], part.weight.shape[0]} - {1}) > 1:
+                raise ValueError(
+                    "a BRDF is scaled by a number or by one for each channel; got shape "
+                    f"{by.shape} for {part.weight.shape[0]} channels."
+                )
+            shape = np.broadcast_shapes(by.shape, part.weight.shape)
+            weight = jnp.broadcast_to(by, shape) * jnp.broadcast_to(part.weight, shape)
+            scaled.append(dataclasses.replace(part, weight=weight))
+        return Brdf(tuple(scaled))
+
+    __rmul__ = __mul__
+
+
+def make_brdf(model: Model, **parameters) -> Brdf:
+    """A BRDF of one part; parameters are arrays whose last axis is the channel.
+
+    Raises:
+        ValueError: If their numbers of channels do not fit each other, or a value is no
+            floating-point number.
+    """
+    arrays = {}
+    for name, value in parameters.items():
+        array = jnp.asarray(value, _float_type(value))
+        arrays[name] = array[None] if array.ndim == 0 else array
+    dtype = jnp.result_type(*(array.dtype for array in arrays.values()))
+    counts = {name: array.shape[-1] for name, array in arrays.items()}
+    channels = max(counts.values())
+    if set(counts.values()) - {1, channels} or 0 in counts.values():
+        raise ValueError(
+            f"the parameters of {model.name} must have the same number of channels, or "
+            f"one; got {counts}."
+        )
+    # Every parameter carries all channels, so that one vmap serves them all.
+    full = {
+        name: jnp.broadcast_to(array.astype(dtype), (*array.shape[:-1], channels))
+        for name, array in arrays.items()
+    }
+    return Brdf((Part(model, full, jnp.ones(channels, dtype)),))
+
+
+def _float_type(value):
+    given = jnp.result_type(value)
+    if jnp.issubdtype(given, jnp.floating) and hasattr(value, "dtype"):
+        return jnp.float32 if jnp.finfo(given).bits < 32 else given
+    if jnp.issubdtype(given, jnp.number) and not hasattr(value, "dtype"):
+        return jnp.result_type(float)
+    raise ValueError(f"a BRDF's parameters must be floating-point; got {given}.")
+
+
+def check_range(
+    name: str, value, low: float | int, high: float | int, *, open_low: bool = False
+) -> None:
+    """Refuse a concrete parameter outside its range.
+
+    Raises:
+        ValueError: Naming the parameter, the range and what came.
+    """
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
+        return
+    values = np.asarray(value, np.float64)
+    fine = (values > low if open_low else values >= low) & (values <= high)
+    if not np.all(fine):
+        left = "(" if open_low else "["
+        raise ValueError(
+            f"{name} must lie in {left}{low:g}, {high:g}]; got {values[~fine].flat[0]:g}."
+        )
+
+
+def prepared(brdf: Brdf) -> Brdf:
+    """The same with each model's tables in its parameters; done before loops."""
+    parts = []
+    for part in brdf.parts:
+        prepare = part.model.prepare
+        if prepare is not None:
+            tables = jax.vmap(prepare, in_axes=-1, out_axes=-1)(part.parameters)
+            part = dataclasses.replace(part, parameters=dict(tables))
+        parts.append(part)
+    return Brdf(tuple(parts))
+
+
+def select(brdf: Brdf, *centres: str) -> Brdf | None:
+    """The parts that are expanded about one of these centres; None if there are none."""
+    parts = tuple(part for part in brdf.parts if part.model.centre in centres)
+    return Brdf(parts) if parts else None
+
+
+def part_values(part: Part, light: Local, view: Local) -> jax.Array:
+    """Transfer function of a prepared part, channels in front: ``(C, ...)``."""
+    dtype = light.z.dtype
+    cast = {name: array.astype(dtype) for name, array in part.parameters.items()}
+
+    def one_channel(parameters, weight):
+        value = part.model.transfer(parameters, light, view) * weight
+        if part.model.horizon:
+            value = jnp.where((light.z > 0) & (view.z > 0), value, 0)
+        return value
+
+    count = part.weight.shape[-1]
+    names = list(cast)
+    channels = []
+    # Channels by a loop: XLA then fuses each into what reads it. Long spectra are mapped.
+    if count <= 4:
+        for c in range(count):
+            one = {name: cast[name][..., c] for name in names}
+            channels.append(one_channel(one, part.weight[c].astype(dtype)))
+        return jnp.stack(channels)
+    return jax.vmap(one_channel, in_axes=(-1, 0))(cast, part.weight.astype(dtype))
+
+
+def transfer_local(brdf: Brdf, light: Local, view: Local) -> jax.Array:
+    """Sum over the parts of a prepared BRDF, channels in front: ``(C, ...)``.
+
+    The frame's z is the normal, or the tangent where all parts are about it.
+    """
+    total = None
+    for part in brdf.parts:
+        values = part_values(part, light, view)
+        shape = (brdf.channels, *values.shape[1:])
+        values = jnp.broadcast_to(values, shape)
+        total = values if total is None else total + values
+    assert total is not None  # a BRDF has at least one part
+    return total
+
+
+def frames(normals: jax.Array) -> jax.Array:
+    """Right-handed frames whose last row is the normal, ``(..., 3, 3)``.
+
+    Smooth except across the equator's plane z = 0 [Duff et al. 2017, revised].
+    """
+    x, y, z = normals[..., 0], normals[..., 1], normals[..., 2]
+    sign = jnp.where(z < 0, -1, 1).astype(z.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = jnp.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    second = jnp.stack([b, sign + y * y * a, -y], axis=-1)
+    return jnp.stack([first, second, normals], axis=-2)
+
+
+def in_frame(frame: jax.Array, vectors: jax.Array) -> Local:
+    """Components of vectors ``(..., 3)`` in frames ``(..., 3, 3)``."""
+    parts = jnp.sum(frame * vectors[..., None, :], axis=-1)
+    return Local(parts[..., 0], parts[..., 1], parts[..., 2])
+
+
+@jax.jit
+def transfer(
+    brdf: Brdf,
+    normals: Float[Array, "*batch 3"],
+    lights: Float[Array, "*batch 3"],
+    views: Float[Array, "*batch 3"],
+    tangents: Float[Array, "*batch 3"] | None = None,
+) -> Float[jax.Array, "*batch C"]:
+    """BRDF times the clamped cosine, for given directions.
+
+    Args:
+        brdf: The reflectance.
+        normals: Unit normals.
+        lights: Unit vectors to the light.
+        views: Unit vectors to the viewer.
+        tangents: Unit tangents; needed by models about the tangent.
+
+    Returns:
+        The transfer function, sr^-1.
+
+    Raises:
+        ValueError: If a shape is wrong or tangents are missing.
+    """
+    given = {"normals": normals, "lights": lights, "views": views}
+    if tangents is not None:
+        given["tangents"] = tangents
+    for name, vectors in given.items():
+        check_vectors(name, vectors.shape)
+        if vectors.shape != normals.shape:
+            raise ValueError(
+                f"{name} must have the shape of normals {normals.shape}; got "
+                f"{vectors.shape}."
+            )
+    ready, total = prepared(brdf), None
+    for axes, part in by_frame(ready, normals, tangents):
+        frame = frames(axes)
+        light, view = (in_frame(frame, jnp.asarray(a)) for a in (lights, views))
+        values = transfer_local(part, light, view)
+        values = jnp.broadcast_to(values, (brdf.channels, *values.shape[1:]))
+        total = values if total is None else total + values
+    return jnp.moveaxis(jnp.asarray(total), 0, -1)
+
+
+def by_frame(brdf: Brdf, normals, tangents):
+    """The parts in the normals' frame and those in the tangents', with their axes.
+
+    Raises:
+        ValueError: If there are parts about the tangent and no tangents.
+    """
+    found = []
+    about_normal = select(brdf, "normal", "reflection")
+    if about_normal is not None:
+        found.append((normals, about_normal))
+    about_tangent = select(brdf, "tangent")
+    if about_tangent is not None:
+        if tangents is None:
+            raise ValueError("tangents must be given: a part is about the tangent.")
+        found.append((tangents, about_tangent))
+    return found

@@ -1,0 +1,133 @@
+"""GGX with Smith's masking and Schlick's Fresnel term, and its lost energy given back.
+
+References:
+    [W07] B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, 2007.
+    [H14] E. Heitz, Understanding the Masking-Shadowing Function, JCGT 2014.
+    [T19] E. Turquin, Practical Multiple Scattering Compensation for Microfacet Models.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shjax.brdf.core import (
+    Brdf,
+    Local,
+    Model,
+    Parameters,
+    Part,
+    check_range,
+    make_brdf,
+)
+from shjax.brdf.models import half_vector
+from shjax.brdf.quadrature import outgoing_flux
+
+_TERMS = 16  # Chebyshev coefficients of the directional albedo
+_NODES = (64, 32)  # of its integral, in each piece of theta_i and in phi
+
+
+def distribution_masking(alpha: jax.Array, light: Local, view: Local) -> jax.Array:
+    """``D G2 / (4 n.l n.v)`` with height-correlated masking [H14, Eq. 99]; n.l, n.v > 0."""
+    across, z, squared = half_vector(light, view)
+    slope = alpha * alpha * z * z + across
+    tiny = jnp.asarray(jnp.finfo(z.dtype).tiny, z.dtype)
+    density = (alpha * squared / jnp.maximum(slope, tiny)) ** 2 / math.pi
+    shadow = light.z * _masking(alpha, view.z) + view.z * _masking(alpha, light.z)
+    return density / (2 * jnp.maximum(shadow, tiny))
+
+
+def _masking(alpha: jax.Array, cosine: jax.Array) -> jax.Array:
+    return jnp.sqrt(alpha * alpha + (1 - alpha * alpha) * cosine * cosine)
+
+
+def schlick(light: Local, view: Local) -> jax.Array:
+    """``(1 - v.h)^5``: Schlick's Fresnel term is ``f0 + (1 - f0)`` times it."""
+    _, _, squared = half_vector(light, view)
+    nonzero = squared > 0
+    half = jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, squared, 1)), 0) / 2  # v.h
+    return jnp.maximum(1 - half, 0) ** 5
+
+
+def _single(parameters: Parameters, light: Local, view: Local) -> jax.Array:
+    f0 = parameters["f0"]
+    above = (light.z > 0) & (view.z > 0)
+    light, view = (Local(d.x, d.y, jnp.where(above, d.z, 1)) for d in (light, view))
+    fresnel = f0 + (1 - f0) * schlick(light, view)
+    lobe = distribution_masking(parameters["alpha"], light, view) * fresnel * light.z
+    return jnp.where(above, lobe, 0)
+
+
+def _compensated(parameters: Parameters, light: Local, view: Local) -> jax.Array:
+    albedo = albedo_at(parameters["albedo_terms"], parameters["alpha"], view.z)
+    lost = (1 - albedo) / albedo
+    return _single(parameters, light, view) * (1 + parameters["f0"] * lost)
+
+
+def _with_albedo(parameters: Parameters) -> Parameters:
+    return {**parameters, "albedo_terms": albedo_terms(parameters["alpha"])}
+
+
+GGX = Model("ggx", _single)
+GGX_MULTISCATTER = Model(
+    "ggx with multiple scattering", _compensated, prepare=_with_albedo
+)
+
+
+def ggx(alpha, f0=1.0, multiscatter: bool = False) -> Brdf:
+    """GGX microfacets, height-correlated Smith masking, Schlick's Fresnel term.
+
+    Args:
+        alpha: Roughness in (0, 1], the slope scale itself (glTF's roughness squared); a
+            number or one a channel.
+        f0: Reflectance at normal incidence in [0, 1]; a number or one a channel.
+        multiscatter: Scale each view by ``1 + f0 (1 - E) / E`` with E the directional
+            albedo of the same surface at f0 = 1 [T19, Eq. 16], so that a white metal
+            returns what it receives. Not reciprocal at grazing views then. Static.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+    check_range("alpha", alpha, 0, 1, open_low=True)
+    check_range("f0", f0, 0, 1)
+    return make_brdf(GGX_MULTISCATTER if multiscatter else GGX, alpha=alpha, f0=f0)
+
+
+def directional_albedo(alpha: jax.Array, cosine: jax.Array) -> jax.Array:
+    """Share of light that a white single-scatter surface returns, seen at these cosines.
+
+    Args:
+        alpha: A number.
+        cosine: n.v in (0, 1), ``(n,)``.
+    """
+    parameters = {"alpha": alpha[None], "f0": jnp.ones_like(alpha)[None]}
+    white = Brdf((Part(GGX, parameters, jnp.ones_like(alpha)[None]),))
+    half = jnp.arctan2(jnp.sqrt(1 - cosine * cosine), cosine)
+    return outgoing_flux(white, 2 * half, *_NODES)[:, 0]
+
+
+def albedo_terms(alpha: jax.Array) -> jax.Array:
+    """Chebyshev coefficients of the directional albedo in a stretched cosine, ``(16,)``."""
+    k = np.arange(_TERMS)
+    angle = (k + 0.5) * np.pi / _TERMS
+    s = jnp.asarray(((1 + np.cos(angle)) / 2) ** 2, alpha.dtype)
+    values = directional_albedo(alpha, alpha * s / (1 + alpha - s))
+    to_terms = np.cos(k[:, None] * angle) * np.where(k == 0, 1, 2)[:, None] / _TERMS
+    matrix = jnp.asarray(to_terms, alpha.dtype)
+    return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
+
+
+def albedo_at(terms: jax.Array, alpha: jax.Array, cosine: jax.Array) -> jax.Array:
+    """The expansion of :func:`albedo_terms` at cosines; the one at 0 for those below."""
+    above = cosine > 0
+    mu = jnp.where(above, cosine, 0)
+    stretched = mu * (1 + alpha) / (mu + alpha)
+    root = jnp.where(above, jnp.sqrt(jnp.where(above, stretched, 1)), 0)
+    x = 2 * root - 1
+    last, before = jnp.zeros_like(x), jnp.zeros_like(x)
+    for k in range(_TERMS - 1, 0, -1):  # Clenshaw
+        last, before = terms[k] + 2 * x * last - before, last
+    return terms[0] + x * last - before

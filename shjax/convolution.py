@@ -1,0 +1,156 @@
+"""Reflection as a convolution: light coefficients times BRDF coefficients.
+
+References:
+    [T5] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 5.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from shjax.arrays import Array, as_float, check_vectors
+from shjax.brdf.core import frames
+from shjax.harmonics import rotate, spread
+from shjax.harmonics.degrees import degree_of_coefs, degrees
+from shjax.kernels import orders_of_rho
+from shjax.view_basis import HarmonicViews
+
+_POINTS_AT_ONCE = 64
+_PRECISION = jax.lax.Precision.HIGHEST
+
+
+@jax.jit
+def convolve(
+    lighting: Float[Array, "*batch K C"], gains: Float[Array, "L D"]
+) -> Float[jax.Array, "*batch J E"]:
+    """Reflect light from a radial BRDF: ``B_lm = a_l L_lm`` [T5, Eq. 5.7].
+
+    The result is a reflection map's coefficients over the BRDF's centre: the reflected
+    direction, or the normal.
+
+    Args:
+        lighting: Radiance coefficients.
+        gains: ``a_l`` (:func:`shjax.radial_coefs`), ``(l_max + 1, C)``; one channel, of
+            either, serves all of the other.
+
+    Returns:
+        Coefficients to the lower of the two degrees.
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+    l_max = min(degree_of_coefs(lighting.shape, "lighting"), gains.shape[0] - 1)
+    lighting = as_float("lighting", lighting)[..., : (l_max + 1) ** 2, :]
+    channels = common_channels(lighting.shape[-1], gains.shape[-1], "gains")
+    column = spread(jnp.asarray(gains, lighting.dtype)[: l_max + 1].T).T
+    shape = (*lighting.shape[:-1], channels)
+    return jnp.broadcast_to(lighting, shape) * jnp.broadcast_to(column, shape)
+
+
+def common_channels(light: int, material: int, name: str) -> int:
+    """The number of channels of a product; one channel of either serves all.
+
+    Raises:
+        ValueError: If both have several and they differ.
+    """
+    if light != material and 1 not in (light, material):
+        raise ValueError(
+            f"lighting and {name} must have the same number of channels, or one; got "
+            f"{light} and {material}."
+        )
+    return max(light, material)
+
+
+@jax.jit
+def reflected_coefs(
+    lighting: Float[Array, "*batch K C"], rho: Float[Array, "*batch L P P D"]
+) -> Float[jax.Array, "*batch J P P E"]:
+    """The reflected light field ``B_lmpq = L_lm rho_lpq`` [T5, Eqs. 5.7, 5.23].
+
+    Args:
+        lighting: Radiance coefficients.
+        rho: BRDF coefficients (:func:`shjax.brdf_coefs`); the same batch.
+
+    Returns:
+        ``(..., K, p_max + 1, p_max + 1, C)``, to the lower degree l of the two.
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+    l_rho, p_max = orders_of_rho(rho.shape)
+    l_max = min(degree_of_coefs(lighting.shape, "lighting"), l_rho)
+    channels = common_channels(lighting.shape[-1], rho.shape[-1], "rho")
+    lighting = as_float("lighting", lighting)[..., : (l_max + 1) ** 2, None, None, :]
+    by_coef = jnp.take(as_float("rho", rho), degrees(l_max), axis=-4)
+    batch = jnp.broadcast_shapes(lighting.shape[:-4], by_coef.shape[:-4])
+    shape = (*batch, (l_max + 1) ** 2, p_max + 1, p_max + 1, channels)
+    by_coef = by_coef.astype(lighting.dtype)
+    return jnp.broadcast_to(lighting, shape) * jnp.broadcast_to(by_coef, shape)
+
+
+@jax.jit
+def reflect(
+    lighting: Float[Array, "K C"],
+    rho: Float[Array, "L P P D"],
+    directions: Float[Array, "*points 3"],
+    views: Float[Array, "*points 3"],
+) -> Float[jax.Array, "*points E"]:
+    """Reflected radiance at single directions and views, without a map [T5, Eq. 5.8].
+
+    The light is turned into each direction's frame, so nothing is interpolated and the
+    derivatives in directions and views are exact, at the poles too. ``O(F^3)`` a point.
+
+    Args:
+        lighting: Radiance coefficients.
+        rho: BRDF coefficients.
+        directions: Unit reflected directions ``R = 2 (n.v) n - v``; tangents for fibres.
+        views: Unit vectors to the viewer, in the world.
+
+    Returns:
+        Radiance ``(*points, C)``.
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+    l_rho, p_max = orders_of_rho(rho.shape)
+    l_max = min(degree_of_coefs(lighting.shape, "lighting"), l_rho)
+    channels = common_channels(lighting.shape[-1], rho.shape[-1], "rho")
+    for name, vectors in (("directions", directions), ("views", views)):
+        check_vectors(name, vectors.shape)
+        if vectors.shape != directions.shape:
+            raise ValueError(
+                f"views must have the shape of directions; got {views.shape} and "
+                f"{directions.shape}."
+            )
+    lighting = as_float("lighting", lighting)[: (l_max + 1) ** 2]
+    dtype, view_basis = lighting.dtype, HarmonicViews(p_max)
+    kernels = view_basis.kernels(as_float("rho", rho).astype(dtype)[: l_max + 1])
+
+    def one(direction, view):
+        frame = frames(direction)
+        turned = rotate(lighting, frame)
+        local = jnp.matmul(frame, view, precision=_PRECISION)
+        values = view_basis.values(local)
+        return _contract(turned, kernels, values, view_basis.orders, channels)
+
+    flat = (directions.reshape(-1, 3), views.reshape(-1, 3))
+    flat = tuple(as_float("directions", a).astype(dtype) for a in flat)
+    if flat[0].shape[0] == 0:
+        return jnp.zeros((*directions.shape[:-1], channels), dtype)
+    result = jax.lax.map(lambda pair: one(*pair), flat, batch_size=_POINTS_AT_ONCE)
+    return result.reshape(*directions.shape[:-1], channels)
+
+
+def _contract(turned, kernels, values, orders: tuple[int, ...], channels: int):
+    """``sum_lj L'_l,q_j k_lj values_j`` for one point."""
+    size = kernels.shape[0]
+    l = jnp.arange(size)[:, None]
+    q = jnp.asarray(orders)[None]
+    slots = jnp.where(jnp.abs(q) <= l, l * (l + 1) + q, size * size)
+    light = jnp.take(turned, slots, axis=0, mode="fill", fill_value=0)  # [l, j, c]
+    shape = (*light.shape[:-1], channels)
+    product = jnp.broadcast_to(light, shape) * jnp.broadcast_to(kernels, shape)
+    return jnp.einsum("ljc,j->c", product, values, precision=_PRECISION)

@@ -1,0 +1,217 @@
+"""Functions of orientation: ``M_j(a, b) = sum_lm k_lj L_lm D^l_m,q_j(a, b)``.
+
+A light seen in the frame of every direction (a, b), filtered by a kernel for each map:
+the heart of reflection maps [T5, Eq. 5.9]. ``D^l(a, b) = Z(b) d^l(a)``, and d^l is a sum
+of eigenvectors times cosines or sines of whole multiples of a (``wigner``); so each map is
+a Fourier series on a torus, ``sum_km x_km trig(k a) trig(m b)``, whose coefficients cost
+``O(F^3)`` and which is summed theta first, then phi [T5, Eq. 5.24].
+
+The maps with q_j != 0 are fields in the frame (e_theta, e_phi) of each direction, and turn
+with it: going over a pole they change their sign by ``(-1)^q``.
+
+References:
+    [T5] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 5.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shjax.arrays import in_blocks
+from shjax.harmonics import wigner
+from shjax.harmonics.tables import cached
+
+HIGHEST = 128  # above, the eigenvectors of all degrees are too large to hold
+
+einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+
+
+@cached
+def _half_series(l_max: int) -> np.ndarray:
+    """Eigenvectors of the frequencies k >= 0: ``(block, l, m, k)``.
+
+    Those of -k differ by the sign of odd m, so that the pair counts once.
+    """
+    size = l_max + 1
+    half = np.zeros((2, size, size, size))
+    for l in range(size):
+        vectors, frequencies = wigner.eigenvectors(l, size), wigner.frequencies(l, size)
+        for block, count in ((0, l + 1), (1, l)):
+            for j in range(count):
+                k = round(frequencies[block, j])
+                if k >= 0:
+                    half[block, l, :, k] = vectors[block, :, j]
+    return half
+
+
+def _sign(order: np.ndarray | int) -> np.ndarray:
+    """The factor in front of ``i^m`` when it is taken out: 1, 1, -1, -1, ..."""
+    return np.where(np.asarray(order) % 4 < 2, 1.0, -1.0)
+
+
+def torus_series(
+    lighting: jax.Array, kernels: jax.Array, orders: tuple[int, ...]
+) -> jax.Array:
+    """Fourier coefficients of all maps.
+
+    Args:
+        lighting: ``(K, C)``, to the kernels' degree.
+        kernels: ``(F + 1, J, C)``; the lighting's channels.
+        orders: Signed q of each map; cosine for q >= 0, sine for q < 0. Static.
+
+    Returns:
+        ``(k, m, t, J, C)``: frequency in a, order in b, (cos, sin) of m b. In a the
+        function is ``cos k a`` where m + q is even, ``sin k a`` where it is odd.
+    """
+    size, dtype = kernels.shape[0], kernels.dtype
+    q = np.array(orders)
+    sines = q < 0
+    half = _half_series(size - 1)
+    m, k = np.arange(size), np.arange(size)
+    waves = _by_order(lighting, size)  # [l, m, t, c]
+    series = []
+    for block in (0, 1):
+        chosen = np.flatnonzero(sines == bool(block))
+        if not chosen.size:
+            continue
+        some, orders_here = half[block], np.abs(q[chosen])
+        # d_mq(a) = s_m s_q sum_k 2 V_mk V_qk (cos | sin | -sin) k a
+        into = some[:, orders_here, :].transpose(0, 2, 1) * _sign(
+            orders_here
+        )  # [l, k, j]
+        into = into * np.where(k == 0, 1, 2)[:, None]
+        weighted = einsum(
+            "lkj,ljc->lkjc", jnp.asarray(into, dtype), jnp.take(kernels, chosen, axis=1)
+        )
+        out = jnp.asarray(some * _sign(m)[:, None], dtype)  # [l, m, k]
+        # For the sines (cos mb, sin mb) go with (L_-m, -L_m).
+        turned = (
+            jnp.stack([waves[:, :, 1], -waves[:, :, 0]], axis=2) if block else waves
+        )
+        product = einsum("lmk,lmtc,lkjc->kmtjc", out, turned, weighted)
+        flip = (m[:, None] % 2 == 0) & (orders_here % 2 == 1)
+        flip = jnp.asarray(np.where(flip, -1, 1), dtype)[None, :, None, :, None]
+        series.append((chosen, product * jnp.broadcast_to(flip, product.shape)))
+    if len(series) == 1:
+        return series[0][1]
+    back = np.argsort(np.concatenate([chosen for chosen, _ in series]))
+    return jnp.take(jnp.concatenate([s for _, s in series], axis=3), back, axis=3)
+
+
+def _by_order(lighting: jax.Array, size: int) -> jax.Array:
+    """``(K, C)`` to ``(l, m, (cos, sin), C)``, zero where there is no such order."""
+    l, m = np.meshgrid(np.arange(size), np.arange(size), indexing="ij")
+    centre, outside = l * (l + 1), size * size
+    cosine = np.where(m <= l, centre + m, outside)
+    sine = np.where((m <= l) & (m > 0), centre - m, outside)
+    slots = np.stack([cosine, sine], axis=-1)
+    return jnp.take(lighting, slots, axis=0, mode="fill", fill_value=0)
+
+
+def over_theta(
+    series: jax.Array,
+    orders: tuple[int, ...],
+    cosine: jax.Array,
+    sine: jax.Array,
+) -> jax.Array:
+    """Sum a series over k at polar angles.
+
+    Args:
+        series: From :func:`torus_series`.
+        orders: As there. Static.
+        cosine: ``cos k a``, ``(n, F + 1)``.
+        sine: ``sin k a``, the same.
+
+    Returns:
+        ``(n, m, t, J, C)``.
+    """
+    odd_q = np.array(orders) % 2 == 1
+    groups, places = [], []
+    for parity in (False, True):
+        maps = np.flatnonzero(odd_q == parity)
+        if not maps.size:
+            continue
+        some = jnp.take(series, maps, axis=3) if maps.size < len(orders) else series
+        wave = (cosine, sine) if not parity else (sine, cosine)
+        even = einsum("nk,kmtjc->nmtjc", wave[0], some[:, 0::2])
+        odd = einsum("nk,kmtjc->nmtjc", wave[1], some[:, 1::2])
+        groups.append(_interleave(even, odd))
+        places.append(maps)
+    if len(groups) == 1:
+        return groups[0]
+    back = np.argsort(np.concatenate(places))
+    return jnp.take(jnp.concatenate(groups, axis=3), back, axis=3)
+
+
+def _interleave(even: jax.Array, odd: jax.Array) -> jax.Array:
+    """Orders 0, 2, ... and 1, 3, ... back in their order on axis 1."""
+    count = even.shape[1] + odd.shape[1]
+    if even.shape[1] > odd.shape[1]:
+        odd = jnp.pad(odd, [(0, 0), (0, 1), *[(0, 0)] * (odd.ndim - 2)])
+    both = jnp.stack([even, odd], axis=2)
+    return both.reshape(even.shape[0], -1, *even.shape[2:])[:, :count]
+
+
+def maps_on_grid(
+    lighting: jax.Array,
+    kernels: jax.Array,
+    orders: tuple[int, ...],
+    theta: np.ndarray,
+    phi: np.ndarray,
+) -> jax.Array:
+    """All maps on rings and columns: ``(n_theta, n_phi, J, C)``.
+
+    Args:
+        lighting: ``(K, C)``.
+        kernels: ``(F + 1, J, C)``.
+        orders: Signed q of each map. Static.
+        theta: Polar angles of the rings, known when tracing.
+        phi: Azimuths of the columns, known when tracing.
+    """
+    size, dtype = kernels.shape[0], kernels.dtype
+    series = torus_series(lighting, kernels, orders)
+    angle = theta[:, None] * np.arange(size)
+    rows = over_theta(
+        series, orders, *(jnp.asarray(f(angle), dtype) for f in (np.cos, np.sin))
+    )
+    angle = phi[:, None] * np.arange(size)
+    waves = jnp.asarray(np.stack([np.cos(angle), np.sin(angle)], axis=-1), dtype)
+    maps, channels = len(orders), kernels.shape[-1]
+    rows = rows.reshape(theta.size, 2 * size, maps * channels)
+    waves = waves.reshape(phi.size, 2 * size)
+    values = einsum("bm,amx->abx", waves, rows)
+    return values.reshape(theta.size, phi.size, maps, channels)
+
+
+_POINTS_AT_ONCE = 256
+
+
+def maps_at(
+    lighting: jax.Array,
+    kernels: jax.Array,
+    orders: tuple[int, ...],
+    theta: jax.Array,
+    phi: jax.Array,
+) -> jax.Array:
+    """All maps at directions of any kind: ``(n, J, C)``; angles are data, ``(n,)``."""
+    size, dtype = kernels.shape[0], kernels.dtype
+    series = torus_series(lighting, kernels, orders)
+    k = np.arange(size)
+
+    def block(angles):
+        a, b = angles
+        across, up = (jax.vmap(wigner.waves, (0, None))(angle, k) for angle in (b, a))
+        rows = over_theta(series, orders, *up)
+        return einsum("nmtjc,nmt->njc", rows, jnp.stack(across, axis=-1))
+
+    n = theta.shape[0]
+    angles = tuple(
+        in_blocks(a.astype(dtype), min(_POINTS_AT_ONCE, n)) for a in (theta, phi)
+    )
+    values = jax.lax.map(block, angles)
+    return values.reshape(-1, len(orders), kernels.shape[-1])[:n]

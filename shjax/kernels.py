@@ -1,0 +1,322 @@
+"""A BRDF as a convolution kernel: rho_lpq by quadrature, closed forms where they exist.
+
+About its centre (the reflected direction R; the tangent for fibres) the transfer function
+is ``rho = sum rho_lp|q| Y_lq(light) Y_pq(view)`` [T5, Eq. 5.7 and section 5.6.2]: real, for
+an isotropic BRDF equal for q and -q, zero for q > min(l, p).
+
+References:
+    [T5] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 5.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float
+
+from shjax.arrays import Array
+from shjax.brdf.core import Brdf, Part
+from shjax.brdf.quadrature import (
+    Resolution,
+    first_resolution,
+    kind_of,
+    moments,
+    view_nodes,
+)
+from shjax.harmonics.degrees import check_l_max
+from shjax.harmonics.legendre import legendre
+from shjax.harmonics.tables import cached
+
+einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+
+_MOST_NODES = 400  # in each piece of theta_i; beyond, the error stands as it is
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("rho", "degree_energy", "total_energy", "error"),
+    meta_fields=("centre", "resolution"),
+)
+@dataclasses.dataclass(frozen=True)
+class BrdfExpansion:
+    """Coefficients of a BRDF, its energies, and how exact they are.
+
+    Attributes:
+        rho: ``(l_max + 1, p_max + 1, p_max + 1, C)``, indexed ``[l, p, q]``.
+        degree_energy: Energy of each degree l over all p and q, ``(l_max + 1, C)``.
+        total_energy: Energy over all l, p and q, ``(C,)``: the right side of [T5, 5.18].
+        error: Change of ``rho`` in the last doubling of the resolution, relative.
+        centre: ``"reflection"`` or ``"tangent"``. Static.
+        resolution: What the quadrature ended with. Static.
+    """
+
+    rho: Float[Array, "L P P C"]
+    degree_energy: Float[Array, "L C"]
+    total_energy: Float[Array, " C"]
+    error: Float[Array, ""]
+    centre: str
+    resolution: Resolution
+
+    @property
+    def l_max(self) -> int:
+        """Highest degree of the light."""
+        return self.rho.shape[0] - 1
+
+    @property
+    def p_max(self) -> int:
+        """Highest degree of the view."""
+        return self.rho.shape[1] - 1
+
+
+def orders_of_rho(shape: tuple[int, ...], name: str = "rho") -> tuple[int, int]:
+    """``(l_max, p_max)`` of coefficients ``(..., l_max + 1, p_max + 1, p_max + 1, C)``.
+
+    Raises:
+        ValueError: If they do not have that shape.
+    """
+    if len(shape) < 4 or shape[-3] != shape[-2] or 0 in shape[-4:]:
+        raise ValueError(
+            f"{name} must have shape (..., l_max + 1, p_max + 1, p_max + 1, C); got "
+            f"{shape}."
+        )
+    return shape[-4] - 1, shape[-3] - 1
+
+
+def order_counts(p_max: int) -> np.ndarray:
+    """How often each ``|q|`` occurs: 1, 2, 2, ..., ``(p_max + 1,)``."""
+    return np.where(np.arange(p_max + 1) == 0, 1, 2)
+
+
+def brdf_coefs(
+    brdf: Brdf,
+    *,
+    l_max: int,
+    p_max: int,
+    accuracy: float = 1e-5,
+    resolution: Resolution | None = None,
+) -> Float[jax.Array, "L P P C"]:
+    """Coefficients rho_lpq of the transfer function about its centre [T5, Eq. 5.22].
+
+    Closed forms serve radial models (Phong about R; a Lambertian part by a sum over one
+    angle); all else is integrated, with nodes doubled until the coefficients change by
+    less than ``accuracy``. Inside ``jit`` or a derivative, where that cannot be decided,
+    the resolution is ``resolution``, or twice the first one tried.
+
+    Args:
+        brdf: The reflectance.
+        l_max: Highest degree of the light, inclusive. Static.
+        p_max: Highest degree of the view, inclusive. Static.
+        accuracy: Relative change at which doubling stops. Static.
+        resolution: Nodes to use instead. Static.
+
+    Returns:
+        ``(l_max + 1, p_max + 1, p_max + 1, C)``, sr^-1, indexed ``[l, p, q]``, q >= 0.
+
+    Raises:
+        ValueError: If a degree is out of range, or parts about the tangent are mixed with
+            others.
+    """
+    l_max, p_max = check_l_max(l_max), check_l_max(p_max, "p_max")
+    kind_of(brdf)
+    shape = (l_max + 1, p_max + 1, p_max + 1, brdf.channels)
+    rest = tuple(part for part in brdf.parts if part.model.radial is None)
+    total = jnp.zeros(shape, brdf.parts[0].weight.dtype)
+    for part in brdf.parts:
+        if part.model.radial is not None:
+            closed = _closed_form(part, l_max=l_max, p_max=p_max)
+            total = total + jnp.broadcast_to(closed, shape)
+    if rest:
+        measured, _, _ = _settled(Brdf(rest), l_max, p_max, p_max, accuracy, resolution)
+        total = total + jnp.broadcast_to(measured.rho, shape)
+    return total
+
+
+def expand_brdf(
+    brdf: Brdf,
+    *,
+    l_max: int,
+    p_max: int,
+    accuracy: float = 1e-5,
+    resolution: Resolution | None = None,
+) -> BrdfExpansion:
+    """Coefficients with the energies that the choice of orders needs [T5, 5.15 to 5.18].
+
+    Args:
+        brdf: The reflectance.
+        l_max: Highest degree of the light, inclusive; for :func:`predicted_error` that of
+            the light's spectrum. Static.
+        p_max: Highest degree of the view, inclusive. Static.
+        accuracy: Relative change at which doubling stops. Static.
+        resolution: Nodes to use instead; the error is then unknown (NaN). Static.
+
+    Returns:
+        The expansion.
+
+    Raises:
+        ValueError: As :func:`brdf_coefs`.
+    """
+    l_max, p_max = check_l_max(l_max), check_l_max(p_max, "p_max")
+    q_max = max(l_max, p_max)
+    found, error, used = _settled(brdf, l_max, p_max, q_max, accuracy, resolution)
+    centre = "tangent" if kind_of(brdf) == "tangent" else "reflection"
+    return BrdfExpansion(
+        found.rho, found.degree_energy, found.total_energy, error, centre, used
+    )
+
+
+def coefs_and_energy(
+    brdf: Brdf, *, l_max: int, p_max: int, accuracy: float = 1e-3
+) -> tuple[Float[jax.Array, "L P P C"], Float[jax.Array, " C"], Float[jax.Array, ""]]:
+    """``rho``, ``total_energy`` and ``error`` of :class:`BrdfExpansion`, without the rest.
+
+    Args:
+        brdf: The reflectance.
+        l_max: Highest degree of the light, inclusive. Static.
+        p_max: Highest degree of the view, inclusive. Static.
+        accuracy: Relative change at which doubling stops. Static.
+    """
+    found, error, _ = _settled(brdf, l_max, p_max, p_max, accuracy, None)
+    return found.rho, found.total_energy, error
+
+
+def radial_coefs(brdf: Brdf, *, l_max: int) -> Float[jax.Array, "L C"]:
+    """Gains ``a_l`` of a BRDF that is radial about its centre: ``B_lm = a_l L_lm``.
+
+    Args:
+        brdf: Lambertian or horizon-free Phong parts, all about the same centre.
+        l_max: Highest degree, inclusive. Static.
+
+    Returns:
+        ``(l_max + 1, C)``; albedo at l = 0.
+
+    Raises:
+        ValueError: If a part is not radial, or the centres differ.
+    """
+    centres = {part.model.centre for part in brdf.parts}
+    names = [part.model.name for part in brdf.parts if part.model.radial is None]
+    if names or len(centres) > 1:
+        raise ValueError(
+            "brdf must be radial about one centre; got "
+            f"{', '.join(names) or 'parts about ' + ' and '.join(sorted(centres))}."
+        )
+    gains = [_radial_gains(part, check_l_max(l_max)) for part in brdf.parts]
+    shape = (l_max + 1, brdf.channels)
+    return functools.reduce(jnp.add, [jnp.broadcast_to(g, shape) for g in gains])
+
+
+def _radial_gains(part: Part, l_max: int) -> jax.Array:
+    radial = part.model.radial
+    assert radial is not None
+    gains = jax.vmap(radial, in_axes=(-1, None), out_axes=-1)(part.parameters, l_max)
+    return gains * jnp.broadcast_to(part.weight[None], gains.shape)
+
+
+@functools.partial(jax.jit, static_argnames=("l_max", "p_max"))
+def _closed_form(part: Part, *, l_max: int, p_max: int) -> jax.Array:
+    gains = _radial_gains(part, l_max)
+    if part.model.centre == "normal":
+        table = jnp.asarray(_normal_table(l_max, p_max), gains.dtype)
+        return einsum("lc,lpq->lpqc", gains, table)
+    # Radial about R: only p = q = 0, and B = sum_l a_l L_lm Y_lm(R).
+    root = jnp.sqrt(jnp.asarray(2 * np.arange(l_max + 1) + 1, gains.dtype))[:, None]
+    shape = (l_max + 1, p_max + 1, p_max + 1, gains.shape[-1])
+    column = gains * jnp.broadcast_to(root, gains.shape)
+    return jnp.zeros(shape, gains.dtype).at[:, 0, 0].set(column)
+
+
+@cached
+def _normal_table(l_max: int, p_max: int) -> np.ndarray:
+    """``2 pi int f_lq(to / 2) f_pq(to) sin to d to``: ``(L, P, P)`` [MATH, section 4].
+
+    The normal lies at to / 2, halfway between the view and R.
+    """
+    theta, weight = view_nodes(l_max + 2 * p_max + 16)
+    table = np.zeros((l_max + 1, p_max + 1, p_max + 1))
+    for q in range(min(l_max, p_max) + 1):
+        here = legendre(l_max, q, np.cos(theta / 2), np.sin(theta / 2))
+        there = legendre(p_max, q, np.cos(theta), np.sin(theta))
+        table[:, :, q] = 2 * np.pi * (here * weight) @ there.T
+    return table
+
+
+@dataclasses.dataclass(frozen=True)
+class _Quadrature:
+    """One evaluation: arrays as in :class:`BrdfExpansion`."""
+
+    rho: jax.Array
+    degree_energy: jax.Array
+    total_energy: jax.Array
+
+
+@functools.partial(
+    jax.jit, static_argnames=("resolution", "l_max", "p_max", "q_max", "dtype")
+)
+def _integrate(
+    brdf: Brdf, *, resolution: Resolution, l_max: int, p_max: int, q_max: int, dtype
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    found = moments(brdf, resolution, l_max, q_max, dtype)
+    theta, weight = view_nodes(resolution.view)
+    functions = np.stack(
+        [legendre(p_max, q, np.cos(theta), np.sin(theta)) for q in range(p_max + 1)], -1
+    )  # [p, o, q]
+    onto = jnp.asarray(2 * np.pi * functions * weight[:, None], dtype)
+    rho = einsum("olqc,poq->lpqc", found.values[:, :, : p_max + 1], onto)
+    # Parseval in the view: 2 pi int G_lq^2 sin to d to = sum_p rho_lpq^2.
+    solid = jnp.asarray(2 * np.pi * weight, dtype)
+    counts = jnp.asarray(order_counts(q_max), dtype)
+    energy = einsum("olqc,o,q->lc", found.values**2, solid, counts)
+    return rho, energy, einsum("oc,o->c", found.power, solid)
+
+
+def _settled(
+    brdf: Brdf,
+    l_max: int,
+    p_max: int,
+    q_max: int,
+    accuracy: float,
+    resolution: Resolution | None,
+) -> tuple[_Quadrature, jax.Array, Resolution]:
+    """Integrate with the nodes doubled until the coefficients hold still.
+
+    The high orders q > p_max count in the energies alone: they join in the last run.
+    """
+    dtype = brdf.parts[0].weight.dtype
+
+    def run(nodes: Resolution, q: int) -> _Quadrature:
+        nodes = dataclasses.replace(nodes, phi=max(nodes.phi, 16 + (3 * q) // 2))
+        return _Quadrature(
+            *_integrate(
+                brdf, resolution=nodes, l_max=l_max, p_max=p_max, q_max=q, dtype=dtype
+            )
+        )
+
+    used = resolution or first_resolution(l_max, p_max)
+    if resolution is not None or any(
+        isinstance(x, Tracer) for x in jax.tree.leaves(brdf)
+    ):
+        used = resolution or used.doubled()
+        return run(used, q_max), jnp.asarray(np.nan, dtype), used
+    limit = max(accuracy, 30 * float(jnp.finfo(dtype).eps))
+    found, error, coarse = run(used, p_max), np.inf, used
+    while error > limit and used.light < _MOST_NODES:
+        coarse, before = used, found
+        used = used.doubled()
+        found = run(used, p_max)
+        energies = _change(found.total_energy, before.total_energy)
+        error = max(_change(found.rho, before.rho), energies)
+    if q_max > p_max:
+        # By the coarser nodes, whose error is what was measured.
+        energies = run(coarse, q_max).degree_energy
+        found = dataclasses.replace(found, degree_energy=energies)
+    return found, jnp.asarray(error, dtype), used
+
+
+def _change(value: jax.Array, before: jax.Array) -> float:
+    norm = float(jnp.linalg.norm(value.ravel()))
+    return float(jnp.linalg.norm((value - before).ravel())) / (norm or 1.0)

@@ -1,0 +1,117 @@
+"""How a reflection map depends on the view: the one place that knows.
+
+A map holds, for each direction R, coefficients of the outgoing radiance over the view in
+R's frame (e_theta, e_phi, R). Here the functions of the view are the spherical harmonics
+``Y_pq`` [T5, Eq. 5.10]. What else needs to be known of a basis is: the signed order q of
+each of its functions, the kernel over the light's degree of each, their values at a view,
+and, where it has one, how they turn into the world's frame.
+
+References:
+    [T5] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 5.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shjax.harmonics import basis
+from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
+from shjax.harmonics.orientations import einsum
+from shjax.harmonics.wigner import tables as wigner_tables
+from shjax.harmonics.wigner import turn_about_y, waves
+
+
+@dataclasses.dataclass(frozen=True)
+class HarmonicViews:
+    """The harmonics ``Y_pq`` to degree ``p_max``: Q = (p_max + 1)^2 functions.
+
+    Attributes:
+        p_max: Highest degree, inclusive.
+    """
+
+    p_max: int
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Signed q of each function; negative for sines."""
+        return tuple(int(q) for q in orders(self.p_max))
+
+    def kernels(self, rho: jax.Array) -> jax.Array:
+        """Coefficients ``(L, P, P, C)`` as one kernel a function, ``(L, Q, C)``."""
+        p, q = degrees(self.p_max), np.abs(orders(self.p_max))
+        size = self.p_max + 1
+        flat = rho.reshape(rho.shape[0], size * size, rho.shape[-1])
+        return jnp.take(flat, p * size + q, axis=1)
+
+    def values(self, views: jax.Array) -> jax.Array:
+        """The functions at unit vectors ``(..., 3)``: ``(..., Q)``."""
+        return basis(views, l_max=self.p_max)
+
+    def to_world(self, maps: jax.Array, theta: jax.Array, phi: jax.Array) -> jax.Array:
+        """Coefficients in R's frame to coefficients over the world's view [T5, Eq. 5.14].
+
+        Args:
+            maps: ``(n, m, Q, C)``.
+            theta: Polar angle of R, the same along m: ``(n,)``.
+            phi: Azimuth of R, ``(n, m)``.
+        """
+        return self._turned(maps, theta, phi, to_world=True)
+
+    def to_local(self, maps: jax.Array, theta: jax.Array, phi: jax.Array) -> jax.Array:
+        """The inverse of :meth:`to_world`."""
+        return self._turned(maps, theta, phi, to_world=False)
+
+    def _turned(self, maps, theta, phi, *, to_world: bool) -> jax.Array:
+        dtype, size = maps.dtype, self.p_max + 1
+        q = orders(self.p_max)
+        if not to_world:
+            maps = _about_z(maps, -phi, q)
+        about_y = _rotation_matrices(self.p_max, theta.astype(dtype))  # [n, Q, Q]
+        letters = "nqs,nmsc->nmqc" if to_world else "nsq,nmsc->nmqc"
+        if size > 1:
+            maps = einsum(letters, about_y, maps)
+        return _about_z(maps, phi, q) if to_world else maps
+
+
+def _about_z(maps: jax.Array, phi: jax.Array, q: np.ndarray) -> jax.Array:
+    """Turn pairs (q, -q) by ``q phi``; ``maps`` is ``(n, m, Q, C)``, ``phi`` ``(n, m)``."""
+    angle = phi.astype(maps.dtype)
+    table = jax.vmap(jax.vmap(functools.partial(waves, multiples=np.abs(q))))(angle)
+    cosine, sine = (jnp.broadcast_to(w[..., None], maps.shape) for w in table)
+    p = np.floor(np.sqrt(np.arange(q.size))).astype(int)
+    mirrored = jnp.take(maps, p * (p + 1) - q, axis=2)
+    signs = jnp.asarray(np.where(q > 0, -1, 1), maps.dtype)[None, None, :, None]
+    return maps * cosine + mirrored * sine * jnp.broadcast_to(signs, maps.shape)
+
+
+def _rotation_matrices(p_max: int, theta: jax.Array) -> jax.Array:
+    """``d^p(theta)`` of all degrees as one block-diagonal matrix, ``(n, Q, Q)``."""
+    size, q, p = p_max + 1, orders(p_max), degrees(p_max)
+    vectors, frequencies = (np.asarray(t) for t in wigner_tables(p_max))
+    vectors = jnp.asarray(vectors, theta.dtype)
+    slots = (p * 2 + (q < 0)) * size + np.abs(q)  # in [p, block, q]
+    unit = np.zeros((p.size, size * 2 * size))
+    unit[np.arange(p.size), slots] = 1
+    unit = unit.reshape(p.size, size, 2, size).transpose(1, 2, 3, 0)  # [p, block, q, s]
+    unit = jnp.asarray(unit, theta.dtype)
+
+    def one(angle):
+        turned = turn_about_y(unit, vectors, waves(angle, frequencies))
+        return jnp.take(turned.reshape(-1, p.size), slots, axis=0)
+
+    return jax.vmap(one)(theta)
+
+
+def views_of_maps(shape: tuple[int, ...]) -> HarmonicViews:
+    """The basis of maps ``(..., Q, C)``.
+
+    Raises:
+        ValueError: If the axis before the last is not a square number.
+    """
+    return HarmonicViews(degree_of_coefs(shape, "maps"))
