@@ -66,13 +66,13 @@ def common_channels(light: int, material: int, name: str) -> int:
 
 @jax.jit
 def reflected_coefs(
-    lighting: Float[Array, "*batch K C"], rho: Float[Array, "*batch L P P D"]
+    lighting: Float[Array, "*batch K C"], rho: Float[Array, "*brdfs L P P D"]
 ) -> Float[jax.Array, "*batch J P P E"]:
     """The reflected light field ``B_lmpq = L_lm rho_lpq`` [T5, Eqs. 5.7, 5.23].
 
     Args:
         lighting: Radiance coefficients.
-        rho: BRDF coefficients (:func:`shjax.brdf_coefs`); the same batch.
+        rho: BRDF coefficients (:func:`shjax.brdf_coefs`); batch axes broadcast.
 
     Returns:
         ``(..., K, p_max + 1, p_max + 1, C)``, to the lower degree l of the two.

@@ -123,7 +123,7 @@ def cube_directions(size: int) -> np.ndarray:
         (down, -right, one),
         (-down, -right, -one),
     ]
-    vectors = np.stack([np.stack(face, axis=-1) for face in faces])
+    vectors = np.stack([np.stack(face, axis=-1) for face in faces]) + 0.0  # no -0
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import shjax
-from shjax import render
+from shjax import brdf, render, shrm
 from shjax.sphere import normalize
 from tests.helpers import relative_error
 
@@ -63,6 +63,47 @@ CASES = {
         lambda light, n: render.lambertian(render.make_gbuffer(n), light),
         ((9, 3), (4, 5, 3)),
         (1,),
+        batched=False,
+    ),
+    "brdf.transfer": Case(
+        lambda n, l, v: brdf.transfer(brdf.ggx(0.5, 0.3), n, l, v),
+        ((400, 3), (400, 3), (400, 3)),
+        (0, 1, 2),
+        batched=False,
+    ),
+    "brdf_coefs": Case(
+        lambda u: shjax.brdf_coefs(
+            brdf.ggx(0.3 + 0.2 * jax.nn.sigmoid(u[0]), jax.nn.sigmoid(u[1])),
+            l_max=3,
+            p_max=1,
+            resolution=brdf.Resolution(12, 10, 10),
+        ),
+        ((2,),),
+        batched=False,
+    ),
+    "convolve": Case(shjax.convolve, ((9, 3), (3, 1))),
+    "reflected_coefs": Case(shjax.reflected_coefs, ((9, 3), (3, 2, 2, 1))),
+    "reflect": Case(
+        shjax.reflect, ((9, 3), (3, 2, 2, 1), (5, 3), (5, 3)), (2, 3), batched=False
+    ),
+    "prefilter": Case(
+        lambda c, r: shjax.prefilter(c, r, n_theta=5, n_phi=6), ((9, 3), (3, 2, 2, 1))
+    ),
+    "prefilter, global": Case(
+        lambda c, r: shjax.prefilter(c, r, n_theta=5, n_phi=6, frame="global"),
+        ((9, 3), (3, 2, 2, 1)),
+    ),
+    "prefilter_cube": Case(
+        lambda c, r: shjax.prefilter_cube(c, r, size=2), ((9, 3), (3, 2, 2, 1))
+    ),
+    "shrm.radiance": Case(
+        shrm.radiance, ((5, 6, 4, 3), (7, 3), (7, 3)), (1, 2), batched=False
+    ),
+    "shrm.dynamic_map": Case(shrm.dynamic_map, ((5, 6, 4, 3), (3,)), (1,)),
+    "reference_reflection": Case(
+        lambda r, n, v: shjax.reference_reflection(r, brdf.phong(3.0), n, v),
+        ((6, 8, 3), (5, 3), (5, 3)),
+        (1, 2),
         batched=False,
     ),
     "estimate_lighting": Case(

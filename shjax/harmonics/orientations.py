@@ -81,9 +81,9 @@ def torus_series(
             continue
         some, orders_here = half[block], np.abs(q[chosen])
         # d_mq(a) = s_m s_q sum_k 2 V_mk V_qk (cos | sin | -sin) k a
-        into = some[:, orders_here, :].transpose(0, 2, 1) * _sign(
-            orders_here
-        )  # [l, k, j]
+        known = np.minimum(orders_here, size - 1)
+        into = some[:, known, :].transpose(0, 2, 1) * _sign(orders_here)  # [l, k, j]
+        into = into * (orders_here < size)  # no degree has the others
         into = into * np.where(k == 0, 1, 2)[:, None]
         weighted = einsum(
             "lkj,ljc->lkjc", jnp.asarray(into, dtype), jnp.take(kernels, chosen, axis=1)

@@ -1,0 +1,147 @@
+"""Reflection maps beside a dense product with as many operations, in one run.
+
+    taskset -c 0 python experiments/benchmarks/reflection_maps.py --out experiments/results
+
+The SHRM of F = 24, P = 3, 128 x 128, RGB float32; the dynamic map of a global cube SHRM of
+64 x 64 x 6 at P = 3 for one view [T5, Eq. 5.35]. Times are medians, compile time apart,
+memory from XLA's own analysis.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import click
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from experiments.benchmarks.timing import interleaved_medians
+from experiments.versions import versions
+from shjax import shrm
+
+F, P, SIZE, FACE, CHANNELS = 24, 3, 128, 64, 3
+
+
+def operations() -> dict[str, float]:
+    """Multiply-adds of the sums as they are done."""
+    maps = (P + 1) ** 2 * CHANNELS
+    over_theta = SIZE * (F + 1) * 2 * (F + 1) * maps
+    over_phi = SIZE * SIZE * 2 * (F + 1) * maps
+    return {"shrm": over_theta + over_phi, "dynamic": 6 * FACE**2 * maps}
+
+
+def dense(multiply_adds: float):
+    """A square float32 product of as many multiply-adds."""
+    n = round(multiply_adds ** (1 / 3))
+    a = jnp.ones((n, n), jnp.float32)
+    product = jax.jit(jnp.matmul)
+    return lambda: product(a, a)
+
+
+def memory(lowered) -> dict[str, int]:
+    """Bytes of output and of temporaries."""
+    analysis = lowered.compile().memory_analysis()
+    return {
+        "output": analysis.output_size_in_bytes,
+        "temporary": analysis.temp_size_in_bytes,
+    }
+
+
+def run(rounds: int = 21) -> dict:
+    """Median seconds, ratios, compile seconds, bytes."""
+    rng = np.random.default_rng(0)
+    lighting = jnp.asarray(rng.normal(size=((F + 1) ** 2, CHANNELS)), jnp.float32)
+    rho = jnp.asarray(rng.normal(size=(F + 1, P + 1, P + 1, CHANNELS)), jnp.float32)
+    size = {"n_theta": SIZE, "n_phi": SIZE}
+    compile_seconds, compiled_bytes = {}, {}
+    for frame in shrm.FRAMES:
+        start = time.perf_counter()
+        lowered = shrm._prefilter.lower(lighting, rho, **size, frame=frame)
+        compiled_bytes[frame] = memory(lowered)
+        compile_seconds[frame] = time.perf_counter() - start
+    cube = shrm.prefilter_cube(lighting, rho, size=FACE, frame="global")
+    view = jnp.asarray([0.48, 0.6, 0.64], jnp.float32)
+    counts = operations()
+    times = interleaved_medians(
+        {
+            "local shrm": lambda: shrm.prefilter(lighting, rho, **size),
+            "global shrm": lambda: shrm.prefilter(
+                lighting, rho, **size, frame="global"
+            ),
+            "product as large as the shrm": dense(counts["shrm"]),
+            "dynamic map": lambda: shrm.dynamic_map(cube, view),
+            "product as large as the dynamic map": dense(counts["dynamic"]),
+            "sum of the cube's coefficients": lambda: jnp.sum(cube),
+        },
+        rounds,
+    )
+    product = times["product as large as the shrm"]
+    return {
+        "versions": versions(),
+        "threads": len(_affinity()),
+        "orders": {"F": F, "P": P, "size": SIZE, "face": FACE},
+        "seconds": times,
+        "ratios": {
+            "local shrm over product": times["local shrm"] / product,
+            "global shrm over product": times["global shrm"] / product,
+            "dynamic map over product": times["dynamic map"]
+            / times["product as large as the dynamic map"],
+        },
+        "compile_seconds": compile_seconds,
+        "bytes": compiled_bytes,
+        "multiply_adds": counts,
+    }
+
+
+def _affinity() -> set[int]:
+    import os
+
+    return os.sched_getaffinity(0)
+
+
+def table(result: dict) -> str:
+    """The result as markdown."""
+    lines = [
+        "# Reflection maps",
+        "",
+        ", ".join(f"{k} {v}" for k, v in result["versions"].items()),
+    ]
+    lines += [f"{result['threads']} core(s); F = {F}, P = {P}, RGB float32", ""]
+    lines += ["| what | ms |", "|---|---|"]
+    lines += [f"| {name} | {1e3 * s:.3f} |" for name, s in result["seconds"].items()]
+    lines += ["", "| ratio | |", "|---|---|"]
+    lines += [f"| {name} | {ratio:.2f} |" for name, ratio in result["ratios"].items()]
+    lines += [
+        "",
+        "| map | compile, s | output, MB | temporary, MB |",
+        "|---|---|---|---|",
+    ]
+    for frame, sizes in result["bytes"].items():
+        lines.append(
+            f"| {frame} | {result['compile_seconds'][frame]:.2f} | "
+            f"{sizes['output'] / 1e6:.2f} | {sizes['temporary'] / 1e6:.2f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the tables.")
+def main(out: Path | None) -> None:
+    """Print the table, and write it where asked."""
+    result = run()
+    text = table(result)
+    print(text)
+    if out:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "reflection_maps.md").write_text(text)
+        (out / "reflection_maps.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
