@@ -32,7 +32,7 @@ from shjax.sphere import (
     latlong_theta,
     spherical_directions,
 )
-from shjax.view_basis import HarmonicViews, views_of_maps
+from shjax.view_basis import HarmonicViews, ViewBasis, views_of_maps
 
 FRAMES = ("local", "global")
 _POINTS_AT_ONCE = 2048
@@ -86,7 +86,10 @@ def prefilter(
     n_phi = (columns if n_theta == rows else 2 * n_theta) if n_phi is None else n_phi
     if n_theta < 1 or n_phi < 1:
         raise ValueError(f"n_theta, n_phi must be positive; got {n_theta}, {n_phi}.")
-    return _prefilter(lighting, rho, n_theta=n_theta, n_phi=n_phi, frame=frame)
+    views = HarmonicViews(orders_of_rho(rho.shape)[1])
+    return prefilter_in(
+        views, lighting, rho, n_theta=n_theta, n_phi=n_phi, frame=frame
+    )
 
 
 def prefilter_cube(
@@ -141,32 +144,37 @@ def _check_frame(frame: str) -> None:
         raise ValueError(f"frame must be one of {', '.join(FRAMES)}; got {frame!r}.")
 
 
-@functools.partial(jax.jit, static_argnames=("n_theta", "n_phi", "frame"))
-def _prefilter(lighting, rho, *, n_theta: int, n_phi: int, frame: str) -> jax.Array:
+@functools.partial(jax.jit, static_argnames=("views", "n_theta", "n_phi", "frame"))
+def prefilter_in(
+    views: ViewBasis, lighting, rho, *, n_theta: int, n_phi: int, frame: str = "local"
+) -> jax.Array:
+    """:func:`prefilter` in a view basis of one's own; arguments are not checked."""
     theta, phi = latlong_theta(n_theta), latlong_phi(n_phi)
 
-    def one(light, kernels, views: HarmonicViews):
+    def one(light, kernels):
         maps = maps_on_grid(light, kernels, views.orders, theta, phi)
         if frame == "local":
             return maps
+        assert isinstance(views, HarmonicViews)  # only they turn
         azimuth = jnp.asarray(np.broadcast_to(phi, (n_theta, n_phi)), maps.dtype)
         return views.to_world(maps, jnp.asarray(theta, maps.dtype), azimuth)
 
-    return _over_batch(one, lighting, rho)
+    return _over_batch(one, views, lighting, rho)
 
 
 @functools.partial(jax.jit, static_argnames=("size", "frame"))
 def _prefilter_cube(lighting, rho, *, size: int, frame: str) -> jax.Array:
     directions = cube_directions(size).reshape(-1, 3)
+    views = HarmonicViews(orders_of_rho(rho.shape)[1])
     theta, phi = (jnp.asarray(a, lighting.dtype) for a in _angles(directions))
 
-    def one(light, kernels, views: HarmonicViews):
+    def one(light, kernels):
         maps = maps_at(light, kernels, views.orders, theta, phi)
         if frame == "global":
             maps = _turn_points(views.to_world, maps, theta, phi)
         return maps.reshape(6, size, size, *maps.shape[1:])
 
-    return _over_batch(one, lighting, rho)
+    return _over_batch(one, views, lighting, rho)
 
 
 def _angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,10 +182,9 @@ def _angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
 
 
-def _over_batch(one: Callable, lighting: jax.Array, rho: jax.Array) -> jax.Array:
+def _over_batch(one: Callable, views: ViewBasis, lighting, rho) -> jax.Array:
     """Each light and BRDF in turn; a loop holds one map's temporaries at a time."""
-    l_max, (_, p_max) = _degree(lighting, rho), orders_of_rho(rho.shape)
-    views = HarmonicViews(p_max)
+    l_max = _degree(lighting, rho)
     channels = common_channels(lighting.shape[-1], rho.shape[-1], "rho")
     lighting = lighting[..., : (l_max + 1) ** 2, :]
     lighting = jnp.broadcast_to(lighting, (*lighting.shape[:-1], channels))
@@ -185,9 +192,7 @@ def _over_batch(one: Callable, lighting: jax.Array, rho: jax.Array) -> jax.Array
 
     def single(light, coefs):
         kernels = views.kernels(coefs)
-        return one(
-            light, jnp.broadcast_to(kernels, (*kernels.shape[:-1], channels)), views
-        )
+        return one(light, jnp.broadcast_to(kernels, (*kernels.shape[:-1], channels)))
 
     batch = jnp.broadcast_shapes(lighting.shape[:-2], rho.shape[:-4])
     if not batch:
@@ -254,7 +259,6 @@ def radiance(
             f"{maps.shape}."
         )
     basis = views_of_maps(maps.shape)
-    maps = as_float("maps", maps)
     for name, vectors in (("directions", directions), ("views", views)):
         check_vectors(name, vectors.shape)
         if vectors.shape != directions.shape:
@@ -262,6 +266,23 @@ def radiance(
                 f"views must have the shape of directions; got {views.shape} and "
                 f"{directions.shape}."
             )
+    return read_in(
+        basis, maps, directions, views, frame=frame, interpolation=interpolation
+    )
+
+
+@functools.partial(jax.jit, static_argnames=("basis", "frame", "interpolation"))
+def read_in(
+    basis: ViewBasis,
+    maps,
+    directions,
+    views,
+    *,
+    frame: str = "local",
+    interpolation: str = "cubic",
+) -> jax.Array:
+    """:func:`radiance` of maps in a view basis of one's own; arguments are not checked."""
+    maps = as_float("maps", maps)
     points = as_float("directions", directions).astype(maps.dtype).reshape(-1, 3)
     towards = as_float("views", views).astype(maps.dtype).reshape(-1, 3)
     local = frame == "local"

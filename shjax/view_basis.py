@@ -79,6 +79,34 @@ class HarmonicViews:
         return _about_z(maps, phi, q) if to_world else maps
 
 
+@dataclasses.dataclass(frozen=True)
+class ZonalViews:
+    """The harmonics ``Y_p0`` alone: no azimuth, P + 1 functions [T5, section 5.7.3].
+
+    Attributes:
+        p_max: Highest degree, inclusive; 0 makes a radial map.
+    """
+
+    p_max: int
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Signed q of each function: all zero."""
+        return (0,) * (self.p_max + 1)
+
+    def kernels(self, rho: jax.Array) -> jax.Array:
+        """Coefficients ``(L, P, P, C)`` as one kernel a function, ``(L, P, C)``."""
+        return rho[:, :, 0]
+
+    def values(self, views: jax.Array) -> jax.Array:
+        """The functions at unit vectors ``(..., 3)``: ``(..., P)``."""
+        zonal = np.arange(self.p_max + 1) * (np.arange(self.p_max + 1) + 1)
+        return jnp.take(basis(views, l_max=self.p_max), zonal, axis=-1)
+
+
+ViewBasis = HarmonicViews | ZonalViews
+
+
 def _about_z(maps: jax.Array, phi: jax.Array, q: np.ndarray) -> jax.Array:
     """Turn pairs (q, -q) by ``q phi``; ``maps`` is ``(n, m, Q, C)``, ``phi`` ``(n, m)``."""
     angle = phi.astype(maps.dtype)
