@@ -48,6 +48,9 @@ from shjax.kernels import BrdfExpansion as BrdfExpansion
 from shjax.kernels import brdf_coefs as brdf_coefs
 from shjax.kernels import expand_brdf as expand_brdf
 from shjax.kernels import radial_coefs as radial_coefs
+from shjax.model import Model as Model
+from shjax.model import brdf_energies as brdf_energies
+from shjax.model import choose_model as choose_model
 from shjax.orders import choose_orders as choose_orders
 from shjax.orders import energy_held as energy_held
 from shjax.orders import lighting_order as lighting_order

@@ -168,7 +168,9 @@ class Model:
             total = evaluate(self.diffuse, normals)
         if self.maps is not None:
             if self.about_tangent and tangents is None:
-                raise ValueError("tangents must be given: the BRDF is about the tangent.")
+                raise ValueError(
+                    "tangents must be given: the BRDF is about the tangent."
+                )
             centre = tangents if self.about_tangent else mirror(normals, views)
             glossy = read_in(self.view_basis, self.maps, centre, views)
             total = glossy if total is None else total + glossy
@@ -277,14 +279,19 @@ def light_coefs(lighting: EnvironmentMap | Float[Array, "K C"]) -> jax.Array:
     """Coefficients of a light as far as they matter: to degree 100 for a panorama."""
     if not isinstance(lighting, EnvironmentMap):
         return as_float("lighting", lighting)
-    if lighting.layout == "latlong" and min(lighting.image.shape[:2]) > 2 * _LIGHT_DEGREE:
+    if (
+        lighting.layout == "latlong"
+        and min(lighting.image.shape[:2]) > 2 * _LIGHT_DEGREE
+    ):
         return jnp.asarray(lighting.lighting(l_max=_LIGHT_DEGREE))
     # The samples as they are: exact for their sum at any degree.
     samples = (jnp.asarray(a, jnp.float32) for a in lighting.samples())
     return project_samples(*samples, l_max=_LIGHT_DEGREE)
 
 
-def brdf_energies(brdf: Brdf, *, l_max: int = _LIGHT_DEGREE, p_max: int = 16) -> Energies:
+def brdf_energies(
+    brdf: Brdf, *, l_max: int = _LIGHT_DEGREE, p_max: int = 16
+) -> Energies:
     """What :func:`choose_model` needs to know of a BRDF, whatever the light.
 
     Args:
@@ -317,7 +324,9 @@ def _split(brdf: Brdf) -> tuple[Brdf | None, Brdf | None]:
     """The radial parts about the normal, and the rest."""
     matte = [p for p in brdf.parts if p.model.centre == "normal" and p.model.radial]
     rest = [p for p in brdf.parts if not any(p is one for one in matte)]
-    return (Brdf(tuple(matte)) if matte else None), (Brdf(tuple(rest)) if rest else None)
+    return (Brdf(tuple(matte)) if matte else None), (
+        Brdf(tuple(rest)) if rest else None
+    )
 
 
 class _Candidate(NamedTuple):
@@ -359,7 +368,9 @@ def _cheapest(
                 count = len(_basis(kind, p).orders)
                 size = own + rows * columns * count * item
                 name, rank = ("radial", 1) if p == 0 else (kind, KINDS.index(kind))
-                found.append(_Candidate(size, rank, float(error[f, p]), name, f, p, order))
+                found.append(
+                    _Candidate(size, rank, float(error[f, p]), name, f, p, order)
+                )
     found = [one for one in found if one.bytes <= max_bytes]
     if not found:
         return None

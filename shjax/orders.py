@@ -53,7 +53,7 @@ def energy_held(expansion: BrdfExpansion) -> Float[np.ndarray, "L P"]:
     return _held(expansion.rho, expansion.total_energy)
 
 
-def _held(rho: jax.Array, total_energy: jax.Array) -> np.ndarray:
+def _held(rho: Array, total_energy: Array) -> np.ndarray:
     squares = np.sum(np.asarray(rho, np.float64) ** 2, axis=-1)
     squares = squares @ order_counts(rho.shape[1] - 1)
     held = np.cumsum(np.cumsum(squares, axis=0), axis=1)

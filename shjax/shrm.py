@@ -87,9 +87,7 @@ def prefilter(
     if n_theta < 1 or n_phi < 1:
         raise ValueError(f"n_theta, n_phi must be positive; got {n_theta}, {n_phi}.")
     views = HarmonicViews(orders_of_rho(rho.shape)[1])
-    return prefilter_in(
-        views, lighting, rho, n_theta=n_theta, n_phi=n_phi, frame=frame
-    )
+    return prefilter_in(views, lighting, rho, n_theta=n_theta, n_phi=n_phi, frame=frame)
 
 
 def prefilter_cube(

@@ -9,7 +9,9 @@ memory from XLA's own analysis.
 
 from __future__ import annotations
 
+import functools
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -24,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from experiments.benchmarks.timing import interleaved_medians
 from experiments.versions import versions
 from shjax import shrm
+from shjax.view_basis import HarmonicViews
 
 F, P, SIZE, FACE, CHANNELS = 24, 3, 128, 64, 3
 
@@ -58,11 +61,13 @@ def run(rounds: int = 21) -> dict:
     rng = np.random.default_rng(0)
     lighting = jnp.asarray(rng.normal(size=((F + 1) ** 2, CHANNELS)), jnp.float32)
     rho = jnp.asarray(rng.normal(size=(F + 1, P + 1, P + 1, CHANNELS)), jnp.float32)
-    size = {"n_theta": SIZE, "n_phi": SIZE}
+    whole = functools.partial(shrm.prefilter, lighting, rho, n_theta=SIZE, n_phi=SIZE)
     compile_seconds, compiled_bytes = {}, {}
     for frame in shrm.FRAMES:
         start = time.perf_counter()
-        lowered = shrm._prefilter.lower(lighting, rho, **size, frame=frame)
+        lowered = shrm.prefilter_in.lower(
+            HarmonicViews(P), lighting, rho, n_theta=SIZE, n_phi=SIZE, frame=frame
+        )
         compiled_bytes[frame] = memory(lowered)
         compile_seconds[frame] = time.perf_counter() - start
     cube = shrm.prefilter_cube(lighting, rho, size=FACE, frame="global")
@@ -70,10 +75,8 @@ def run(rounds: int = 21) -> dict:
     counts = operations()
     times = interleaved_medians(
         {
-            "local shrm": lambda: shrm.prefilter(lighting, rho, **size),
-            "global shrm": lambda: shrm.prefilter(
-                lighting, rho, **size, frame="global"
-            ),
+            "local shrm": whole,
+            "global shrm": lambda: whole(frame="global"),
             "product as large as the shrm": dense(counts["shrm"]),
             "dynamic map": lambda: shrm.dynamic_map(cube, view),
             "product as large as the dynamic map": dense(counts["dynamic"]),
@@ -84,7 +87,7 @@ def run(rounds: int = 21) -> dict:
     product = times["product as large as the shrm"]
     return {
         "versions": versions(),
-        "threads": len(_affinity()),
+        "threads": len(os.sched_getaffinity(0)),
         "orders": {"F": F, "P": P, "size": SIZE, "face": FACE},
         "seconds": times,
         "ratios": {
@@ -97,12 +100,6 @@ def run(rounds: int = 21) -> dict:
         "bytes": compiled_bytes,
         "multiply_adds": counts,
     }
-
-
-def _affinity() -> set[int]:
-    import os
-
-    return os.sched_getaffinity(0)
 
 
 def table(result: dict) -> str:

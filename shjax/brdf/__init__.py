@@ -21,4 +21,5 @@ from shjax.brdf.models import lafortune as lafortune
 from shjax.brdf.models import lambertian as lambertian
 from shjax.brdf.models import phong as phong
 from shjax.brdf.models import phong_cosine as phong_cosine
+from shjax.brdf.parse import parse as parse
 from shjax.brdf.quadrature import Resolution as Resolution

@@ -137,7 +137,7 @@ def read_curet(
         if len(words) > len(angles)
     }
     if sample not in rows:
-        raise ValueError(f"{values}: has no sample {sample}.")
+        raise ValueError(f"{values}: has no sample {sample:g}.")
     row = _numbers(values, [" ".join(rows[sample][: len(angles)])], len(angles))
     return from_samples(
         spherical_directions(angles[:, 3], angles[:, 4]),

@@ -25,8 +25,12 @@ def main() -> None:
     """Run the command line; errors are one line on standard error."""
     from shjax.cli.convert import convert
     from shjax.cli.light import light
+    from shjax.cli.reflect import reflect
+    from shjax.cli.render import render_command
 
     cli.add_command(light)
+    cli.add_command(reflect)
+    cli.add_command(render_command, "render")
     cli.add_command(convert)
     try:
         status = cli.main(standalone_mode=False)
@@ -39,7 +43,7 @@ def main() -> None:
     except click.Abort:
         _say("interrupted")
         status = 1
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ImportError) as error:
         _say(str(error))
         status = 2
     except MemoryError:

@@ -15,12 +15,7 @@ from rich.console import Console
 
 import shjax
 from shjax import io, render
-from shjax.cli.light_report import (
-    FRAME,
-    print_result,
-    progress_display,
-    write_results,
-)
+from shjax.cli.light_report import print_result, write_results
 from shjax.cli.options import (
     invalid_option,
     layout_option,
@@ -28,6 +23,7 @@ from shjax.cli.options import (
     rotate_option,
     window_option,
 )
+from shjax.cli.pictures import FRAME, progress_display
 from shjax.io.writing import check_folder
 from shjax.windows import apply_window
 

@@ -4,34 +4,23 @@ from __future__ import annotations
 
 import itertools
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-)
 from rich.table import Table
 
 import shjax
 from shjax import io
 from shjax.cli.options import quadrature_note
-from shjax.display import show_difference, tone_map
+from shjax.cli.pictures import as_rgb, compare, header
+from shjax.display import tone_map
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
 
 _ROWS_SHOWN = 25
 PANELS = "from the coefficients | by the exact integral | their difference"
-FRAME = (
-    "right-handed, +z up (row 0 of a lat-long image), +x at the image centre, "
-    "+y at u = 0.25"
-)
 
 
 def write_results(
@@ -43,30 +32,19 @@ def write_results(
     spheres: tuple[np.ndarray, np.ndarray],
 ) -> dict[str, str]:
     """Write the pictures, then the JSON; returns the files by name."""
-    about = {
-        "software": f"shjax {shjax.__version__}",
-        "source": envmap.report.source,
-        "frame": FRAME,
-    }
+    source = envmap.report.source
     irradiance = np.asarray(
         shjax.synthesize(shjax.irradiance_coefs(lighting), n_theta=64, n_phi=128)
     )
-    approximate, exact = spheres
-    difference = approximate - exact
-    # One white for both spheres; the difference at a tenth of it in full colour.
-    white = float(np.quantile(exact.mean(axis=-1), 0.99)) or 1.0
-    panels = np.concatenate([approximate, exact, difference], axis=1)
-    shown = [_as_rgb(tone_map(part, white=white)) for part in (approximate, exact)]
-    coloured = show_difference(difference, white / 10)
-    coloured = np.where(exact.sum(axis=-1, keepdims=True) > 0, coloured, 0)
+    panels, shown = compare(*spheres)
     pictures = {
-        "irradiance.exr": (irradiance, {**about, "units": "irradiance, W m^-2"}),
-        "irradiance.png": (_as_rgb(tone_map(irradiance)), {}),
+        "irradiance.exr": (irradiance, header(source, units="irradiance, W m^-2")),
+        "irradiance.png": (as_rgb(tone_map(irradiance)), {}),
         "spheres.exr": (
             panels,
-            {**about, "units": "radiance", "albedo": "1", "panels": PANELS},
+            header(source, units="radiance", albedo="1", panels=PANELS),
         ),
-        "spheres.png": (np.concatenate([*shown, coloured], axis=1), {}),
+        "spheres.png": (shown, {}),
     }
     files = {name: str(out / f"{stem}_{name}") for name in pictures}
     for name, (image, attributes) in pictures.items():
@@ -77,23 +55,6 @@ def write_results(
         files["lighting.json"], json.dumps({**result, "files": files}, indent=1) + "\n"
     )
     return files
-
-
-def _as_rgb(image: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(image[..., :3], (*image.shape[:2], 3))
-
-
-def progress_display(quiet: bool) -> Progress:
-    """A bar on standard error, where that is a terminal."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=quiet or not sys.stderr.isatty(),
-    )
 
 
 def print_result(console: Console, result: dict) -> None:

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 import shjax
+from shjax.brdf.parse import MODELS, parse
 from shjax.envmap import EnvironmentMap
 from shjax.io.envmaps import INVALID_CHOICES
 from shjax.layouts import LAYOUTS
@@ -49,6 +50,45 @@ class _Axes(click.ParamType):
             self.fail(f"{value!r} does not name each axis once", param, ctx)
         return matrix
 
+
+class _BrdfText(click.ParamType):
+    name = "MODEL"
+
+    def convert(self, value, param, ctx):
+        """A description to a BRDF."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return parse(value)
+        except (ValueError, OSError, TypeError) as error:
+            self.fail(str(error), param, ctx)
+
+
+brdf_option = click.option(
+    "--brdf",
+    default="ggx alpha=0.4 f0=1",
+    show_default=True,
+    type=_BrdfText(),
+    help="Terms joined by ' + ', each a model and its parameters, a factor and * before "
+    "it: " + ", ".join(MODELS) + ".",
+)
+
+rms_error_option = click.option(
+    "--rms-error",
+    default=0.1,
+    show_default=True,
+    type=click.FloatRange(0, 1, min_open=True),
+    help="Error over all orientations and views, relative to the rms radiance; its "
+    "square is the error in energy.",
+)
+
+max_bytes_option = click.option(
+    "--max-bytes",
+    default=2**28,
+    show_default=True,
+    type=click.IntRange(1),
+    help="Larger models are not considered.",
+)
 
 rotate_option = click.option(
     "--rotate",

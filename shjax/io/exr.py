@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +61,13 @@ def _checked_size(path: Path, header: Mapping, max_pixels: int) -> tuple[int, in
     return height, width
 
 
-def write_exr(path: Path, image: np.ndarray, attributes: Mapping[str, str]) -> None:
-    """Write float32 channels, zip-compressed: Y, RGB, RGBA, or numbered.
+def write_exr(
+    path: Path,
+    image: np.ndarray,
+    attributes: Mapping[str, str],
+    names: Sequence[str] | None = None,
+) -> None:
+    """Write float32 channels, zip-compressed: as named, else Y, RGB, RGBA, or numbered.
 
     Raises:
         OSError: If it cannot be written.
@@ -70,7 +75,7 @@ def write_exr(path: Path, image: np.ndarray, attributes: Mapping[str, str]) -> N
     import OpenEXR
 
     channels = image.shape[-1]
-    names = _NAMES.get(channels) or tuple(f"c{k:04d}" for k in range(channels))
+    names = names or _NAMES.get(channels) or [f"c{k:04d}" for k in range(channels)]
     planes = {n: np.ascontiguousarray(image[..., k]) for k, n in enumerate(names)}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,

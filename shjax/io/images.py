@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +61,7 @@ def write_image(
     image: Float[np.ndarray, "H W C"],
     *,
     attributes: Mapping[str, str] | None = None,
+    channels: Sequence[str] | None = None,
 ) -> None:
     """Write linear light: ``.exr`` and ``.hdr`` as it is, ``.png`` as 8-bit sRGB.
 
@@ -68,6 +69,8 @@ def write_image(
         path: The file; its suffix chooses the format.
         image: Linear values; PNG clips them to [0, 1], so tone-map first.
         attributes: Texts stored in the header of an EXR.
+        channels: Names of an EXR's channels, ``layer.R`` and the like; default Y, RGB,
+            RGBA, or numbers.
 
     Raises:
         OSError: If the file cannot be written.
@@ -79,11 +82,15 @@ def write_image(
         raise ValueError(f"path must end in {', '.join(_WRITTEN)}; got {path}.")
     if pixels.ndim != 3 or 0 in pixels.shape:
         raise ValueError(f"image must have shape (H, W, C); got {pixels.shape}.")
+    if channels is not None and len(set(channels)) != pixels.shape[-1]:
+        raise ValueError(
+            f"channels must hold {pixels.shape[-1]} different names; got {channels}."
+        )
     if suffix != ".exr" and pixels.shape[-1] not in (1, 3):
         raise ValueError(f"{suffix} holds 1 or 3 channels; got {pixels.shape[-1]}.")
     with replacing(path) as temporary:
         if suffix == ".exr":
-            exr.write_exr(temporary, pixels, attributes or {})
+            exr.write_exr(temporary, pixels, attributes or {}, channels)
         elif suffix == ".hdr":
             _write_other(temporary, np.broadcast_to(pixels, (*pixels.shape[:2], 3)))
         else:

@@ -1,0 +1,67 @@
+"""What several commands write and show: pictures side by side, headers, progress."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+)
+
+import shjax
+from shjax.display import show_difference, tone_map
+
+FRAME = (
+    "right-handed, +z up (row 0 of a lat-long image), +x at the image centre, "
+    "+y at u = 0.25"
+)
+
+
+def header(source: str, **more: str) -> dict[str, str]:
+    """Attributes that every picture's file carries."""
+    about = {"software": f"shjax {shjax.__version__}", "source": source, "frame": FRAME}
+    return {**about, **more}
+
+
+def as_rgb(image: np.ndarray) -> np.ndarray:
+    """One channel three times, or the first three."""
+    return np.broadcast_to(image[..., :3], (*image.shape[:2], 3))
+
+
+def compare(
+    approximate: np.ndarray, exact: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two pictures and their difference, as values and as display colours.
+
+    One white for both; the difference has its full colour at a tenth of it.
+
+    Returns:
+        ``(H, 3 W, C)`` and ``(H, 3 W, 3)``.
+    """
+    difference = approximate - exact
+    lit = exact.mean(axis=-1)
+    white = float(np.quantile(lit, 0.99)) or float(lit.max()) or 1.0
+    values = np.concatenate([approximate, exact, difference], axis=1)
+    shown = [as_rgb(tone_map(part, white=white)) for part in (approximate, exact)]
+    coloured = show_difference(difference, white / 10)
+    coloured = np.where(exact.sum(axis=-1, keepdims=True) > 0, coloured, 0)
+    return values, np.concatenate([*shown, coloured], axis=1)
+
+
+def progress_display(quiet: bool) -> Progress:
+    """A bar on standard error, where that is a terminal."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=quiet or not sys.stderr.isatty(),
+    )

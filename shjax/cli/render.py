@@ -1,0 +1,221 @@
+"""``shjax render``: a mesh under a panorama, in a material of one's choice."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import click
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+
+from shjax import io, render
+from shjax.brdf import Brdf
+from shjax.cli.options import (
+    brdf_option,
+    invalid_option,
+    layout_option,
+    max_bytes_option,
+    rms_error_option,
+)
+from shjax.cli.pictures import FRAME, as_rgb, header, progress_display
+from shjax.display import tone_map
+from shjax.io.writing import check_folder
+from shjax.model import Model, choose_model
+from shjax.render import Camera, GBuffer
+from shjax.render.meshes import load_mesh, trace_mesh
+
+SCHEMA = "shjax.render/1"
+TURNS = {"z": np.eye(3), "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])}
+
+
+@click.command(short_help="A picture of a mesh under a panorama.")
+@click.argument("mesh", type=click.Path(path_type=Path))
+@click.argument("env", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--out", required=True, type=click.Path(path_type=Path), metavar="DIR",
+    help="Folder for the results; made if it is missing.",
+)  # fmt: skip
+@brdf_option
+@rms_error_option
+@max_bytes_option
+@click.option(
+    "--size", default=384, show_default=True, type=click.IntRange(8, 4096),
+    metavar="PIXELS", help="Side of the picture.",
+)  # fmt: skip
+@click.option(
+    "--up", default="y", show_default=True, type=click.Choice(sorted(TURNS)),
+    help="Which axis of the mesh points up.",
+)  # fmt: skip
+@click.option(
+    "--azimuth", default=30.0, show_default=True, metavar="DEGREES",
+    help="Where the camera stands around the mesh.",
+)  # fmt: skip
+@click.option(
+    "--elevation", default=12.0, show_default=True, metavar="DEGREES",
+    type=click.FloatRange(-89, 89), help="How far above its middle.",
+)  # fmt: skip
+@click.option(
+    "--fov", default=35.0, show_default=True, metavar="DEGREES",
+    type=click.FloatRange(1, 120), help="The camera's horizontal field of view.",
+)  # fmt: skip
+@click.option(
+    "--turntable", default=1, show_default=True, type=click.IntRange(1, 3600),
+    metavar="FRAMES", help="Pictures of a whole turn of the camera.",
+)  # fmt: skip
+@click.option(
+    "--background/--no-background", default=True, show_default=True,
+    help="Whether the panorama is seen behind the mesh.",
+)  # fmt: skip
+@layout_option
+@invalid_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+def render_command(
+    mesh: Path,
+    env: Path | None,
+    out: Path,
+    brdf: Brdf,
+    rms_error: float,
+    max_bytes: int,
+    size: int,
+    up: str,
+    azimuth: float,
+    elevation: float,
+    fov: float,
+    turntable: int,
+    background: bool,
+    layout: str,
+    invalid: str,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Draw a mesh (OBJ, OFF, PLY) under an environment map.
+
+    The mesh is centred and scaled to radius 1. The light is distant: nothing casts a
+    shadow. Needs trimesh and embreex (pip install 'shjax[mesh]').
+
+    \b
+    DIR receives
+      NAME.exr, NAME.png    the picture, linear and tone-mapped; of a turntable
+                            NAME_0000.exr ... and one PNG each. A second run with the
+                            same settings draws only what is missing
+      NAME_render.json      the model that drew it, and the settings
+
+    \b
+    Examples:
+      shjax render spot.obj --brdf "ggx alpha=0.3 f0=0.9" --out results
+      shjax render bunny.off studio.exr --turntable 60 --out results \\
+        --brdf "lambertian albedo=0.5,0.2,0.1 + ggx alpha=0.2 f0=0.04"
+    """
+    path = env or io.shipped_panorama()
+    check_folder(out)
+    if any(part.model.centre == "tangent" for part in brdf.parts):
+        raise click.UsageError("a mesh has no tangents for a BRDF of fibres.")
+    geometry = _placed(load_mesh(mesh), up)
+    envmap = io.read_envmap(path, layout=layout, invalid=invalid)
+    panorama = jnp.asarray(_as_latlong(envmap))
+    model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)
+    settings = {
+        "schema": SCHEMA, "mesh": str(mesh), "source": str(path),
+        "report": dataclasses.asdict(envmap.report), "frame": FRAME, "size": size,
+        "up": up, "azimuth": azimuth, "elevation": elevation, "fov": fov,
+        "turntable": turntable, "background": background, "model": model.kind,
+        "l_max": model.l_max, "p_max": model.p_max, "why": model.message,
+        "predicted_rms_error": model.predicted_rms_error, "met": model.met,
+        "brdf": [p.model.name for p in brdf.parts],
+        "parameters": [
+            {k: np.asarray(v, float).ravel()[:64].tolist() for k, v in p.parameters.items()}
+            for p in brdf.parts
+        ],
+        "inputs": [_stamp(mesh), _stamp(path)],
+    }  # fmt: skip
+    record = out / f"{mesh.stem}_render.json"
+    again = _same(record, settings)
+    io.write_text(record, json.dumps(settings, indent=1) + "\n")
+    files, white = [], None
+    with progress_display(quiet) as progress:
+        task = progress.add_task(f"{mesh.name}: drawing", total=turntable)
+        for frame in range(turntable):
+            stem = mesh.stem if turntable == 1 else f"{mesh.stem}_{frame:04d}"
+            names = [str(out / f"{stem}{suffix}") for suffix in (".exr", ".png")]
+            files += names
+            if not (again and all(Path(name).exists() for name in names)):
+                angle = azimuth + 360 * frame / turntable
+                camera = _camera(angle, elevation, fov)
+                picture = draw(geometry, camera, size, model, panorama, background)
+                white = white or _white(panorama, picture, background)
+                about = header(path.name, units="radiance", model=model.message)
+                io.write_image(names[0], picture, attributes=about)
+                io.write_image(names[1], as_rgb(tone_map(picture, white=white)))
+            progress.update(task, advance=1)
+    if as_json and not quiet:
+        print(json.dumps({**settings, "files": files}), flush=True)
+    elif not quiet:
+        console = Console()
+        console.print(str(envmap.report), style="bold", markup=False)
+        console.print(f"[bold]model[/]  {model.message}", highlight=False)
+        console.print("written:", highlight=False)
+        for name in [*files[:4], *(["..."] if len(files) > 4 else []), str(record)]:
+            console.print(f"  {name}", highlight=False, markup=False)
+
+
+def draw(
+    geometry, camera: Camera, size: int, model: Model, panorama, behind: bool
+) -> np.ndarray:
+    """One linear picture, ``(size, size, C)``."""
+    gbuffer: GBuffer = trace_mesh(geometry, camera, size).gbuffer
+    picture = render.shade(gbuffer, model)
+    if behind:
+        light = render.background(panorama, camera, size)
+        picture = picture + light * (1 - gbuffer.mask[..., None])
+    return np.asarray(picture, np.float32)
+
+
+def _white(panorama, picture: np.ndarray, behind: bool) -> float:
+    """One white for all frames: of the light where it is seen, else of the mesh."""
+    values = np.asarray(panorama if behind else picture).mean(axis=-1)
+    return float(np.quantile(values[values > 0], 0.97)) if np.any(values > 0) else 1.0
+
+
+def _camera(azimuth: float, elevation: float, fov: float) -> Camera:
+    a, e, angle = (math.radians(v) for v in (azimuth, elevation, fov))
+    distance = 1.08 / math.sin(angle / 2)
+    origin = (
+        distance * math.cos(e) * math.cos(a),
+        distance * math.cos(e) * math.sin(a),
+        distance * math.sin(e),
+    )
+    return Camera(origin=origin, fov=angle)
+
+
+def _placed(geometry, up: str):
+    """Centred on its box, radius 1, z up."""
+    placed = geometry.copy()
+    vertices = np.asarray(placed.vertices) @ TURNS[up].T
+    vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    radius = float(np.linalg.norm(vertices, axis=1).max())
+    placed.vertices = vertices / (radius or 1.0)
+    return placed
+
+
+def _as_latlong(envmap) -> np.ndarray:
+    if envmap.layout == "latlong" and envmap.image.shape[1] % 2 == 0:
+        return np.asarray(envmap.radiance)
+    return np.asarray(envmap.to_latlong(512).radiance)
+
+
+def _stamp(path: Path) -> list:
+    """Size and time of an input, so that a changed one is drawn again."""
+    found = path.stat()
+    return [found.st_size, found.st_mtime_ns]
+
+
+def _same(record: Path, settings: dict) -> bool:
+    try:
+        return json.loads(record.read_text()) == json.loads(json.dumps(settings))
+    except (OSError, ValueError):
+        return False

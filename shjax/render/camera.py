@@ -1,0 +1,84 @@
+"""Cameras and the rays through their pixels."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shjax.sphere import normalize
+
+Vector = tuple[float, float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Camera:
+    """A camera that looks from ``origin`` at ``target``.
+
+    Attributes:
+        origin: Where it stands.
+        target: What the image's centre shows.
+        up: Points up in the image; not along the line of sight.
+        width: Width of the view of an orthographic camera, scene units.
+        fov: Horizontal field of view of a perspective one, radians; None: orthographic.
+    """
+
+    origin: Vector = (-4.0, 0.0, 0.0)
+    target: Vector = (0.0, 0.0, 0.0)
+    up: Vector = (0.0, 0.0, 1.0)
+    width: float = 2.1
+    fov: float | None = None
+
+
+def check_camera(camera: Camera) -> None:
+    """Refuse a camera that sees nothing.
+
+    Raises:
+        ValueError: If it looks along its own up, or a size is out of range.
+    """
+    line = [t - o for t, o in zip(camera.target, camera.origin, strict=True)]
+    up = camera.up
+    cross = [
+        line[1] * up[2] - line[2] * up[1],
+        line[2] * up[0] - line[0] * up[2],
+        line[0] * up[1] - line[1] * up[0],
+    ]
+    if math.hypot(*cross) <= 1e-6 * math.hypot(*line) * math.hypot(*up):
+        raise ValueError(f"camera must not look along its up vector; got {camera}.")
+    if camera.fov is not None and not 0 < camera.fov < math.pi:
+        raise ValueError(f"camera.fov must lie between 0 and pi; got {camera.fov}.")
+    if camera.width <= 0:
+        raise ValueError(f"camera.width must be positive; got {camera.width}.")
+
+
+def camera_rays(
+    height: int, width: int, camera: Camera, offset: tuple[float, float] = (0.0, 0.0)
+) -> tuple[jax.Array, jax.Array]:
+    """Origins and unit directions of the rays through the pixels.
+
+    Args:
+        height: Rows.
+        width: Columns.
+        camera: The camera.
+        offset: Down and right from each pixel's centre, in pixels.
+
+    Returns:
+        Origins and directions, each ``(H, W, 3)``.
+    """
+    origin = jnp.array(camera.origin)
+    forward = normalize(jnp.array(camera.target) - origin)
+    right = normalize(jnp.cross(forward, jnp.array(camera.up)))
+    up = jnp.cross(right, forward)
+    half = camera.width / 2 if camera.fov is None else math.tan(camera.fov / 2)
+    across = ((np.arange(width) + 0.5 + offset[1]) * 2 / width - 1) * half
+    down = ((np.arange(height) + 0.5 + offset[0]) * 2 / height - 1) * half
+    across = jnp.asarray(across, origin.dtype)
+    down = jnp.asarray(down * (height / width), origin.dtype)
+    origin, forward, right, up = (v[None, None] for v in (origin, forward, right, up))
+    plane = across[None, :, None] * right - down[:, None, None] * up
+    if camera.fov is None:
+        return origin + plane, jnp.broadcast_to(forward, plane.shape)
+    return jnp.broadcast_to(origin, plane.shape), normalize(forward + plane)

@@ -1,0 +1,150 @@
+"""What a picture shows, per pixel: G-buffers from arrays and of the unit sphere."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from shjax.arrays import Array, as_float
+from shjax.render.camera import Camera, camera_rays, check_camera
+from shjax.sphere import normalize
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("normals", "mask", "views", "albedo", "tangents"),
+    meta_fields=(),
+)
+@dataclasses.dataclass(frozen=True)
+class GBuffer:
+    """What a picture shows, per pixel.
+
+    Attributes:
+        normals: Unit normals ``(H, W, 3)``; zero where nothing is seen.
+        mask: Coverage in [0, 1], ``(H, W)``.
+        views: Unit vectors to the camera ``(H, W, 3)``; zero where nothing is seen.
+        albedo: ``(H, W, 1)`` or ``(H, W, C)``.
+        tangents: Unit tangents ``(H, W, 3)``, or None.
+    """
+
+    normals: Float[Array, "H W 3"]
+    mask: Float[Array, "H W"]
+    views: Float[Array, "H W 3"]
+    albedo: Float[Array, "H W A"]
+    tangents: Float[Array, "H W 3"] | None = None
+
+
+def make_gbuffer(
+    normals: Float[Array, "H W 3"],
+    *,
+    mask: Float[Array, "H W"] | None = None,
+    views: Float[Array, "H W 3"] | None = None,
+    albedo: Float[Array, "*shape"] | float = 1.0,
+) -> GBuffer:
+    """A G-buffer from arrays of a user's own.
+
+    Args:
+        normals: Normals of any length; zero where nothing is seen.
+        mask: Coverage in [0, 1]; default 1 where there is a normal.
+        views: Unit vectors to the camera; default zero (not needed by Lambertian).
+        albedo: A number, or ``(C,)``, ``(H, W, 1)`` or ``(H, W, C)``.
+
+    Raises:
+        ValueError: If the shapes do not fit each other.
+    """
+    normals = normalize(as_float("normals", normals))
+    if normals.ndim != 3 or normals.shape[-1] != 3:
+        raise ValueError(f"normals must have shape (H, W, 3); got {normals.shape}.")
+    size, dtype = normals.shape[:2], normals.dtype
+    if mask is None:
+        mask = jnp.any(normals != 0, axis=-1).astype(dtype)
+    if mask.shape != size:
+        raise ValueError(f"mask must have shape {size}; got {mask.shape}.")
+    if views is None:
+        views = jnp.zeros_like(normals)
+    if views.shape != normals.shape:
+        raise ValueError(f"views must have shape {normals.shape}; got {views.shape}.")
+    albedo = jnp.atleast_1d(jnp.asarray(albedo, dtype))
+    if albedo.ndim not in (1, 3) or (albedo.ndim == 3 and albedo.shape[:2] != size):
+        raise ValueError(
+            f"albedo must be a number or have shape (C,) or (H, W, C); got {albedo.shape}."
+        )
+    albedo = jnp.broadcast_to(albedo, (*size, albedo.shape[-1]))
+    return GBuffer(normals, jnp.asarray(mask, dtype), jnp.asarray(views, dtype), albedo)
+
+
+def sphere(
+    size: int | tuple[int, int],
+    camera: Camera | None = None,
+    *,
+    albedo: float = 1.0,
+    tangents: bool = False,
+) -> GBuffer:
+    """The unit sphere at the origin.
+
+    Args:
+        size: Pixels of a square picture, or (height, width).
+        camera: Default: orthographic, looking along +x (a panorama's centre).
+        albedo: Of the whole sphere.
+        tangents: Whether fibres run along its parallels; at the poles along y.
+
+    Returns:
+        The G-buffer, in JAX's default floating-point type. Pixels that the outline
+        crosses have a fractional mask (from 4 x 4 rays) and their visible part's normal.
+
+    Raises:
+        ValueError: If the size is not positive or the camera sees along its own up.
+    """
+    height, width = (size, size) if isinstance(size, int) else size
+    if height < 1 or width < 1:
+        raise ValueError(f"size must be positive; got {size}.")
+    camera = camera or Camera()
+    check_camera(camera)
+    ball = _sphere(height, width, camera, jnp.asarray(albedo, jnp.result_type(float)))
+    if not tangents:
+        return ball
+    return dataclasses.replace(ball, tangents=_along_parallels(ball.normals))
+
+
+def _along_parallels(normals: jax.Array) -> jax.Array:
+    x, y = normals[..., 0], normals[..., 1]
+    zero = jnp.zeros_like(x)
+    along = normalize(jnp.stack([-y, x, zero], axis=-1))
+    pole = (jnp.sum(along * along, axis=-1) == 0) & (normals[..., 2] != 0)
+    y_axis = jnp.stack([zero, zero + 1, zero], axis=-1)
+    return jnp.where(pole[..., None], y_axis, along)
+
+
+@functools.partial(jax.jit, static_argnames=("height", "width", "camera"))
+def _sphere(height: int, width: int, camera: Camera, albedo: jax.Array) -> GBuffer:
+    centre = camera_rays(height, width, camera)
+    normals, hit = _hit_sphere(*centre)
+    offsets = [((i - 1.5) / 4, (j - 1.5) / 4) for i in range(4) for j in range(4)]
+    covered, partial = jnp.zeros_like(normals[..., 0]), jnp.zeros_like(normals)
+    for offset in offsets:
+        some, seen = _hit_sphere(*camera_rays(height, width, camera, offset))
+        covered, partial = covered + seen.astype(covered.dtype), partial + some
+    normals = jnp.where(hit[..., None], normals, normalize(partial))
+    seen = covered > 0
+    views = jnp.where(seen[..., None], -centre[1], 0)
+    return GBuffer(
+        jnp.where(seen[..., None], normals, 0),
+        covered / len(offsets),
+        views,
+        jnp.full((height, width, 1), albedo, normals.dtype),
+    )
+
+
+def _hit_sphere(origins: jax.Array, directions: jax.Array):
+    """Normals (zero where missed) and hits of the unit sphere's near side."""
+    along = jnp.sum(origins * directions, axis=-1)
+    nearest = origins - along[..., None] * directions
+    inside = 1 - jnp.sum(nearest * nearest, axis=-1)
+    hit = (inside > 0) & (along < 0)
+    depth = jnp.sqrt(jnp.where(hit, inside, 1))
+    normals = normalize(nearest - depth[..., None] * directions)
+    return jnp.where(hit[..., None], normals, 0), hit
