@@ -48,6 +48,10 @@ from shjax.kernels import BrdfExpansion as BrdfExpansion
 from shjax.kernels import brdf_coefs as brdf_coefs
 from shjax.kernels import expand_brdf as expand_brdf
 from shjax.kernels import radial_coefs as radial_coefs
+from shjax.lights import CapLights as CapLights
+from shjax.lights import cap_coefs as cap_coefs
+from shjax.lights import cap_reflection as cap_reflection
+from shjax.lights import split_lights as split_lights
 from shjax.model import Model as Model
 from shjax.model import brdf_energies as brdf_energies
 from shjax.model import choose_model as choose_model

@@ -27,6 +27,7 @@ from shjax.envmap import EnvironmentMap
 from shjax.harmonics import evaluate, power_spectrum, project_samples, synthesize
 from shjax.harmonics.degrees import degree_of_coefs
 from shjax.kernels import brdf_coefs, expand_brdf, order_counts, radial_coefs
+from shjax.lights import CapLights, cap_reflection, split_lights
 from shjax.sampling import MeasuredError, draw_orientations, measured_error
 from shjax.shrm import default_size, prefilter_in, read_in
 from shjax.sphere import mirror
@@ -61,7 +62,7 @@ class Energies(NamedTuple):
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("brdf", "lighting", "diffuse", "maps"),
+    data_fields=("brdf", "lighting", "diffuse", "maps", "lights"),
     meta_fields=(
         "kind",
         "l_max",
@@ -81,6 +82,7 @@ class Model:
         lighting: The light's coefficients ``(K, C)``, all that are known.
         diffuse: Coefficients over the normal, ``(K, C)``; None without a diffuse part.
         maps: Map over R, ``(n_theta, n_phi, Q, C)``; None without a specular part.
+        lights: Small lights that are shaded exactly, and are in neither; or None.
         kind: One of :data:`KINDS`.
         l_max: Degree of the light in the map, or over the normal for ``"irradiance"``.
         p_max: Degree of the view in the map.
@@ -94,6 +96,7 @@ class Model:
     lighting: Float[Array, "K C"]
     diffuse: Float[Array, "J C"] | None
     maps: Float[Array, "n_theta n_phi Q C"] | None
+    lights: CapLights | None
     kind: str
     l_max: int
     p_max: int
@@ -105,7 +108,8 @@ class Model:
     @property
     def bytes(self) -> int:
         """What it takes to store."""
-        return sum(a.nbytes for a in (self.diffuse, self.maps) if a is not None)
+        arrays = (self.diffuse, self.maps, *jax.tree.leaves(self.lights))
+        return sum(a.nbytes for a in arrays if a is not None)
 
     @property
     def resolution(self) -> tuple[int, int] | None:
@@ -139,6 +143,8 @@ class Model:
             what += f", P = {self.p_max}" if self.kind != "radial" else ""
             if self.diffuse_l_max is not None:
                 what += f", and {(self.diffuse_l_max + 1) ** 2} for the diffuse part"
+        if self.lights is not None:
+            what += f", and {len(self.lights.cosines)} small light(s) shaded exactly"
         rms, asked = self.predicted_rms_error, self.asked_rms_error
         line = (
             f"{what}: {_size(self.bytes)}; predicted error {rms:.2%} rms "
@@ -174,8 +180,10 @@ class Model:
             centre = tangents if self.about_tangent else mirror(normals, views)
             glossy = read_in(self.view_basis, self.maps, centre, views)
             total = glossy if total is None else total + glossy
-        if total is None:  # a black BRDF
-            total = jnp.zeros((*normals.shape[:-1], self.lighting.shape[-1]))
+        assert total is not None  # a BRDF has a diffuse part or another
+        if self.lights is not None:
+            shine = cap_reflection(self.lights, self.brdf, normals, views, tangents)
+            total = total + shine.astype(total.dtype)
         return total
 
     def check(
@@ -264,15 +272,44 @@ def choose_model(
     channels = common_channels(coefs.shape[-1], brdf.channels, "brdf")
     coefs = jnp.broadcast_to(coefs, (coefs.shape[0], channels))
     degrees = _VIEW_DEGREES if energies is None else (energies.rho.shape[1] - 1,)
-    best = None
+    lights, rest = _without_lights(lighting, channels)
+    best, kept, light = None, coefs, None
     for p_max in degrees:
         known = energies or brdf_energies(brdf, l_max=l_light, p_max=p_max)
-        best = _cheapest(coefs, brdf, known, rms_error, max_bytes, channels)
+        pick = functools.partial(
+            _cheapest, coefs, brdf, known, rms_error, max_bytes, channels
+        )
+        best, kept, light = pick(coefs), coefs, None
+        if lights is not None and rest is not None:
+            split = pick(rest)
+            if split is not None and (best is None or _helps(split, best, rms_error)):
+                best, kept, light = split, rest, lights
         if best is not None and best.error <= rms_error:
             break
     if best is None:
         raise ValueError(f"max_bytes={max_bytes} is too small for any model.")
-    return _built(coefs, brdf, best, rms_error)
+    return _built(coefs, kept, light, brdf, best, rms_error)
+
+
+def _without_lights(
+    lighting, channels: int
+) -> tuple[CapLights | None, jax.Array | None]:
+    """The small lights of a panorama, and the coefficients of the rest."""
+    if not isinstance(lighting, EnvironmentMap) or lighting.layout != "latlong":
+        return None, None
+    lights, rest = split_lights(lighting)
+    if not len(lights.cosines):
+        return None, None
+    cast = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), lights)
+    coefs = light_coefs(rest)
+    return cast, jnp.broadcast_to(coefs, (coefs.shape[0], channels))
+
+
+def _helps(split: _Candidate, plain: _Candidate, rms_error: float) -> bool:
+    """Whether taking the lights out reaches the error at last, or by half the bytes."""
+    if plain.error > rms_error:
+        return split.error < plain.error
+    return split.error <= rms_error and 2 * split.bytes < plain.bytes
 
 
 def light_coefs(lighting: EnvironmentMap | Float[Array, "K C"]) -> jax.Array:
@@ -340,13 +377,26 @@ class _Candidate(NamedTuple):
 
 
 def _cheapest(
-    coefs, brdf: Brdf, known: Energies, rms_error: float, max_bytes: int, channels: int
+    whole_light: jax.Array,
+    brdf: Brdf,
+    known: Energies,
+    rms_error: float,
+    max_bytes: int,
+    channels: int,
+    coefs: jax.Array,
 ) -> _Candidate | None:
-    """The smallest candidate that is good enough, else the best one that fits."""
-    spectrum = np.asarray(power_spectrum(coefs), np.float64)
-    l_light = spectrum.shape[0] - 1
-    weight = 4 * np.pi * spectrum / (2 * np.arange(l_light + 1)[:, None] + 1)
-    whole = np.sum(weight * known.both[: l_light + 1])
+    """The smallest candidate that is good enough, else the best one that fits.
+
+    Errors are those of the light in ``coefs``, relative to what the whole one gives.
+    """
+    l_light = degree_of_coefs(coefs.shape)
+
+    def weights(light: jax.Array) -> np.ndarray:
+        spectrum = np.asarray(power_spectrum(light), np.float64)
+        return 4 * np.pi * spectrum / (2 * np.arange(l_light + 1)[:, None] + 1)
+
+    weight = weights(coefs)
+    whole = np.sum(weights(whole_light) * known.both[: l_light + 1])
     matte, rest = _split(brdf)
     item = coefs.dtype.itemsize * channels
     degrees = [d for d in _DIFFUSE_DEGREES if d < l_light] + [l_light]
@@ -408,7 +458,15 @@ def _lost(weight: np.ndarray, known: Energies, d: int) -> dict[str, np.ndarray]:
     return lost
 
 
-def _built(coefs: jax.Array, brdf: Brdf, chosen: _Candidate, rms_error: float) -> Model:
+def _built(
+    lighting: jax.Array,
+    coefs: jax.Array,
+    lights: CapLights | None,
+    brdf: Brdf,
+    chosen: _Candidate,
+    rms_error: float,
+) -> Model:
+    """The model itself, of the light in ``coefs`` and of small ``lights``."""
     matte, rest = _split(brdf)
     diffuse = maps = None
     if matte is not None and chosen.diffuse_l_max is not None:
@@ -423,6 +481,6 @@ def _built(coefs: jax.Array, brdf: Brdf, chosen: _Candidate, rms_error: float) -
         light = coefs[: (f + 1) ** 2]
         maps = prefilter_in(views, light, rho, n_theta=rows, n_phi=columns)
     return Model(
-        brdf, coefs, diffuse, maps, chosen.kind, chosen.l_max, chosen.p_max,
+        brdf, lighting, diffuse, maps, lights, chosen.kind, chosen.l_max, chosen.p_max,
         chosen.diffuse_l_max, rms_error, chosen.error, chosen.error <= rms_error,
     )  # fmt: skip

@@ -27,6 +27,7 @@ LAYERS = [
     ["shjax.shrm", "shjax.angular"],
     ["shjax.envmap", "shjax.windows"],
     ["shjax.conventions"],
+    ["shjax.lights"],
     ["shjax.model"],
     ["shjax.io"],
     ["shjax.render", "shjax.display"],

@@ -24,10 +24,11 @@ from shjax.cli.options import (
 )
 from shjax.cli.pictures import FRAME, compare, header, progress_display
 from shjax.envmap import EnvironmentMap, Report
-from shjax.harmonics import rotate as rotate_coefs
 from shjax.harmonics.degrees import degrees, orders
 from shjax.io.writing import check_folder
-from shjax.model import Model, choose_model, light_coefs
+from shjax.model import Model, choose_model
+from shjax.render.shading import panorama_at
+from shjax.sphere import latlong_directions
 
 SCHEMA = "shjax.reflect/1"
 PANELS = "by the model | by the exact integral | their difference"
@@ -126,13 +127,11 @@ def run(
 ) -> tuple[dict, Model]:
     """Choose, measure, draw and write; returns the JSON's content and the model."""
     step("choosing")
-    lighting = light_coefs(envmap)
+    if rotation is not None:
+        envmap = _turned(envmap, rotation)
     small = envmap.to_latlong(EXACT_ROWS)
     panorama = jnp.asarray(small.radiance)
-    if rotation is not None:
-        lighting = rotate_coefs(lighting, rotation)
-        panorama = jnp.asarray(_turned(small, rotation))
-    model = choose_model(lighting, brdf, rms_error=rms_error, max_bytes=max_bytes)
+    model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)
     step("measuring")
     measured = model.check(panorama)
     step("exact sphere")
@@ -193,14 +192,13 @@ def layer_names(model: Model) -> list[str]:
     return [f"{layer}.{name}" for layer in layers for name in names]
 
 
-def _turned(envmap: EnvironmentMap, rotation: np.ndarray) -> np.ndarray:
+def _turned(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:
     """A lat-long map as it looks when its light is turned, read between pixels."""
-    from shjax.render.shading import panorama_at
-    from shjax.sphere import latlong_directions
-
-    rows = len(envmap.image)
+    flat = envmap.to_latlong(min(len(envmap.image), 512))
+    rows = len(flat.image)
     towards = latlong_directions(rows, 2 * rows) @ rotation  # R^T w
-    return np.asarray(panorama_at(jnp.asarray(envmap.radiance), jnp.asarray(towards)))
+    image = np.asarray(panorama_at(jnp.asarray(flat.radiance), jnp.asarray(towards)))
+    return dataclasses.replace(flat, radiance=image, image=image)
 
 
 def _print(console: Console, result: dict, model: Model, report: Report) -> None:
