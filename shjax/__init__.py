@@ -55,6 +55,7 @@ from shjax.lights import split_lights as split_lights
 from shjax.model import Model as Model
 from shjax.model import brdf_energies as brdf_energies
 from shjax.model import choose_model as choose_model
+from shjax.model import prepare_light as prepare_light
 from shjax.orders import choose_orders as choose_orders
 from shjax.orders import energy_held as energy_held
 from shjax.orders import lighting_order as lighting_order
@@ -74,6 +75,7 @@ from shjax.windows import window as window
 if TYPE_CHECKING:
     from shjax import inverse as inverse
     from shjax import io as io
+    from shjax import plot as plot
     from shjax.inverse import estimate_lighting as estimate_lighting
 
 __version__ = "0.1.0"
@@ -81,6 +83,7 @@ __version__ = "0.1.0"
 _LAZY = {
     "io": "shjax.io",
     "inverse": "shjax.inverse",
+    "plot": "shjax.plot",
     "estimate_lighting": "shjax.inverse",
 }
 
@@ -89,7 +92,7 @@ def __getattr__(name: str):
     if name not in _LAZY:
         raise AttributeError(f"module 'shjax' has no attribute {name!r}")
     module = importlib.import_module(_LAZY[name])
-    return module if name in ("io", "inverse") else getattr(module, name)
+    return module if _LAZY[name] == f"shjax.{name}" else getattr(module, name)
 
 
 def __dir__() -> list[str]:

@@ -118,9 +118,11 @@ def _brightest(image: np.ndarray, directions, solid, whole: float):
     """Axis, cosine and flux of the brightest light; its excess leaves the image."""
     grey = _grey(image)
     peak = np.unravel_index(int(np.argmax(grey)), grey.shape)
-    cosine = directions @ directions[peak]
-    near = cosine > np.cos(_WINDOW)
-    ring = near & (cosine < np.cos(_WIDEST + np.radians(1.0)))
+    near = directions @ directions[peak] > np.cos(_WINDOW)
+    region = _connected(near & (grey > _SHARE_OF_PEAK * grey[peak]), peak)
+    middle = np.sum((grey * solid)[region][:, None] * directions[region], axis=0)
+    cosine = directions @ (middle / max(float(np.linalg.norm(middle)), 1e-300))
+    ring = (cosine > np.cos(_WINDOW)) & (cosine < np.cos(_WIDEST + np.radians(1.0)))
     if not np.any(ring):
         return None
     around = np.median(image[ring], axis=0)
@@ -128,7 +130,7 @@ def _brightest(image: np.ndarray, directions, solid, whole: float):
     excess = grey[peak] - level
     if grey[peak] < _LEAST_CONTRAST * max(level, 0.0) or excess <= 0:
         return None
-    bright = near & (grey - level > _SHARE_OF_PEAK * excess)
+    bright = (cosine > np.cos(_WINDOW)) & (grey - level > _SHARE_OF_PEAK * excess)
     region = _connected(bright, peak)
     if np.min(cosine[region]) < np.cos(_WIDEST):
         return None

@@ -40,6 +40,20 @@ _VIEW_DEGREES = (16, 32)
 _CHECK_ROWS = 128
 
 
+class Light(NamedTuple):
+    """What :func:`choose_model` needs to know of a light, whatever the material.
+
+    Attributes:
+        coefs: All of it, ``(K, C)``.
+        lights: Its small lights, or None.
+        rest: Coefficients without them, or None.
+    """
+
+    coefs: jax.Array
+    lights: CapLights | None
+    rest: jax.Array | None
+
+
 class Energies(NamedTuple):
     """What a BRDF holds of each degree, for the prediction of errors; float64 NumPy.
 
@@ -239,7 +253,7 @@ def _basis(kind: str, p_max: int) -> ViewBasis:
 
 
 def choose_model(
-    lighting: EnvironmentMap | Float[Array, "K C"],
+    lighting: EnvironmentMap | Light | Float[Array, "K C"],
     brdf: Brdf,
     *,
     rms_error: float,
@@ -249,7 +263,8 @@ def choose_model(
     """The smallest model whose predicted rms error is small enough.
 
     Args:
-        lighting: An environment map, or radiance coefficients (what lies beyond their
+        lighting: An environment map; what :func:`prepare_light` made of one, where one
+            light meets several BRDFs; or radiance coefficients (what lies beyond their
             degree is taken as zero).
         brdf: The reflectance; concrete (this runs eagerly).
         rms_error: Error over all orientations and views, relative to the rms radiance;
@@ -267,42 +282,47 @@ def choose_model(
     """
     if not rms_error > 0:
         raise ValueError(f"rms_error must be positive; got {rms_error}.")
-    coefs = light_coefs(lighting)
-    l_light = degree_of_coefs(coefs.shape, "lighting")
-    channels = common_channels(coefs.shape[-1], brdf.channels, "brdf")
-    coefs = jnp.broadcast_to(coefs, (coefs.shape[0], channels))
+    light = lighting if isinstance(lighting, Light) else prepare_light(lighting)
+    l_light = degree_of_coefs(light.coefs.shape, "lighting")
+    channels = common_channels(light.coefs.shape[-1], brdf.channels, "brdf")
+    coefs, rest = (
+        None if a is None else jnp.broadcast_to(a, (a.shape[0], channels))
+        for a in (light.coefs, light.rest)
+    )
+    assert coefs is not None
     degrees = _VIEW_DEGREES if energies is None else (energies.rho.shape[1] - 1,)
-    lights, rest = _without_lights(lighting, channels)
-    best, kept, light = None, coefs, None
+    best, kept, lights = None, coefs, None
     for p_max in degrees:
         known = energies or brdf_energies(brdf, l_max=l_light, p_max=p_max)
         pick = functools.partial(
             _cheapest, coefs, brdf, known, rms_error, max_bytes, channels
         )
-        best, kept, light = pick(coefs), coefs, None
-        if lights is not None and rest is not None:
+        best, kept, lights = pick(coefs), coefs, None
+        if rest is not None:
             split = pick(rest)
             if split is not None and (best is None or _helps(split, best, rms_error)):
-                best, kept, light = split, rest, lights
+                best, kept, lights = split, rest, light.lights
         if best is not None and best.error <= rms_error:
             break
     if best is None:
         raise ValueError(f"max_bytes={max_bytes} is too small for any model.")
-    return _built(coefs, kept, light, brdf, best, rms_error)
+    return _built(coefs, kept, lights, brdf, best, rms_error)
 
 
-def _without_lights(
-    lighting, channels: int
-) -> tuple[CapLights | None, jax.Array | None]:
-    """The small lights of a panorama, and the coefficients of the rest."""
+def prepare_light(lighting: EnvironmentMap | Float[Array, "K C"]) -> Light:
+    """Coefficients of a light, and of what is left when its small lights are taken out.
+
+    Args:
+        lighting: An environment map, or radiance coefficients.
+    """
+    coefs = light_coefs(lighting)
     if not isinstance(lighting, EnvironmentMap) or lighting.layout != "latlong":
-        return None, None
+        return Light(coefs, None, None)
     lights, rest = split_lights(lighting)
     if not len(lights.cosines):
-        return None, None
+        return Light(coefs, None, None)
     cast = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), lights)
-    coefs = light_coefs(rest)
-    return cast, jnp.broadcast_to(coefs, (coefs.shape[0], channels))
+    return Light(coefs, cast, light_coefs(rest))
 
 
 def _helps(split: _Candidate, plain: _Candidate, rms_error: float) -> bool:

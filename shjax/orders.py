@@ -107,7 +107,7 @@ def _check_share(energy_error: float) -> None:
 
 
 def residual_heuristic(
-    spectrum: Float[Array, "L C"], gains: Float[Array, "L C"], *, l_max: int
+    spectrum: Float[Array, "L C"], gains: Float[Array, "L D"], *, l_max: int
 ) -> float:
     """The thesis's estimate of the reflected light's energy error [T5, Eq. 5.19].
 

@@ -31,7 +31,7 @@ LAYERS = [
     ["shjax.model"],
     ["shjax.io"],
     ["shjax.render", "shjax.display"],
-    ["shjax.inverse"],
+    ["shjax.inverse", "shjax.plot"],
     ["shjax.cli"],
 ]
 

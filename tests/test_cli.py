@@ -269,3 +269,134 @@ def test_a_black_map_gives_no_nan(tmp_path):
     result = run(tmp_path / "black.exr", tmp_path / "out", size=16)
     assert result["recovered_error"] == {"self": 0, "exact": 0}
     assert result["irradiance_error"]["max"] == 0
+
+
+def test_reflect(tmp_path):
+    image = np.random.default_rng(0).random((32, 64, 3)).astype(np.float32) + 0.5
+    image[:16] += 1
+    io.write_image(tmp_path / "a.exr", image)
+    finished = shell(
+        "reflect", "a.exr", "--brdf", "lambertian albedo=0.4,0.3,0.2 + 0.5 * ggx alpha=0.5 f0=0.9",
+        "--rms-error", "0.05", "--size", "32", "--out", "out", "--json", cwd=tmp_path,
+    )  # fmt: skip
+    assert finished.returncode == 0, finished.stderr
+    result = json.loads(finished.stdout)
+    for key in (
+        "model",
+        "l_max",
+        "p_max",
+        "predicted_rms_error",
+        "measured_rms_error",
+        "met",
+    ):
+        assert key in result
+    assert result["met"]
+    limit = 1.02 * 0.05 + 3 * result["measured_standard_error"]
+    assert result["measured_rms_error"] <= limit
+    assert result["schema"] == "shjax.reflect/1"
+    spheres = io.read_image(tmp_path / "out" / "a_spheres.exr")
+    model, exact, difference = np.split(spheres, 3, axis=1)
+    np.testing.assert_allclose(model - exact, difference, atol=1e-6)
+    assert np.abs(difference).max() < 0.3 * exact.max()
+    import OpenEXR
+
+    channels = OpenEXR.File(
+        str(tmp_path / "out" / "a_shrm.exr"), separate_channels=True
+    ).channels()
+    views = (
+        (result["p_max"] + 1) ** 2 if result["model"] == "shrm" else result["p_max"] + 1
+    )
+    assert len(channels) == 3 * views
+    assert "p0q0.R" in channels
+    assert json.loads((tmp_path / "out" / "a_reflect.json").read_text()) == result
+    again = shell(
+        "reflect",
+        "a.exr",
+        "--rms-error",
+        "0.2",
+        "--size",
+        "16",
+        "--out",
+        "b",
+        cwd=tmp_path,
+    )
+    for words in ("predicted error", "rms", "energy", "measured", "written:"):
+        assert words in again.stdout
+    turned = shell(
+        "reflect",
+        "a.exr",
+        "--rotate",
+        "90,0,0",
+        "--size",
+        "16",
+        "--out",
+        "c",
+        "--json",
+        cwd=tmp_path,
+    )
+    assert turned.returncode == 0, turned.stderr
+
+
+def test_render_a_turntable_that_resumes(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(subdivisions=3).export(tmp_path / "ball.obj")
+    image = np.ones((16, 32, 3), np.float32)
+    image[:8] = [0.5, 1.0, 2.0]
+    io.write_image(tmp_path / "sky.exr", image)
+    call = (
+        "render",
+        "ball.obj",
+        "sky.exr",
+        "--brdf",
+        "lambertian albedo=0.8",
+        "--size",
+        "24",
+        "--turntable",
+        "3",
+        "--out",
+        "out",
+    )
+    finished = shell(*call, "--json", cwd=tmp_path)
+    assert finished.returncode == 0, finished.stderr
+    result = json.loads(finished.stdout)
+    assert len(result["files"]) == 6
+    frame = io.read_image(tmp_path / "out" / "ball_0001.exr")
+    assert frame.shape == (24, 24, 3)
+    assert frame[1, 12, 2] > 1.3 > 0.8 > frame[1, 12, 0]  # the sky behind
+    assert 0.4 < frame[12, 12].mean() < 1.2  # the ball
+    times = {name: os.stat(tmp_path / name).st_mtime_ns for name in result["files"]}
+    os.remove(tmp_path / result["files"][2])
+    assert shell(*call, cwd=tmp_path).returncode == 0
+    after = {name: os.stat(tmp_path / name).st_mtime_ns for name in result["files"]}
+    assert [name for name in times if after[name] != times[name]] == result["files"][
+        2:4
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["reflect", "--brdf", "chrome", "--out", "x"], "brdf must be one of"),
+        (["reflect", "--brdf", "ggx alpha=2", "--out", "x"], "alpha must lie in"),
+        (["reflect", "--brdf", "ggx", "--out", "x"], "ggx needs alpha="),
+        (
+            ["reflect", "--brdf", "ggx alpha=0.3 gloss=1", "--out", "x"],
+            "ggx takes alpha=",
+        ),
+        (["reflect", "--brdf", "merl path=gone.binary", "--out", "x"], "gone.binary"),
+        (["reflect", "--rms-error", "0", "--out", "x"], "--rms-error"),
+        (["reflect", "gone.exr", "--out", "x"], "gone.exr"),
+        (["render", "gone.obj", "--out", "x"], "gone.obj"),
+        (
+            ["render", "own.obj", "--brdf", "kajiya_kay exponent=8", "--out", "x"],
+            "no tangents",
+        ),
+    ],
+)
+def test_reflect_and_render_refuse_in_one_line(tmp_path, arguments, words):
+    finished = shell(*arguments, cwd=tmp_path)
+    assert finished.returncode == 2
+    assert finished.stdout == ""
+    assert finished.stderr.count("\n") == 1
+    assert words in finished.stderr
+    assert list(tmp_path.iterdir()) == []

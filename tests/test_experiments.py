@@ -1,11 +1,23 @@
 """Each experiment's claim, asserted on the run itself."""
 
+import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
 
-from experiments import stability, table_4_1
-from experiments.benchmarks import nine_coefficients
+import shjax
+from experiments import (
+    figures_5,
+    prefiltering,
+    stability,
+    table_4_1,
+    table_5_4,
+    table_5_5,
+)
+from experiments.alternatives import importance
+from experiments.benchmarks import nine_coefficients, reflection_maps
+from shjax import brdf
+from tests.helpers import relative_error, unit_vectors
 
 
 def test_table_4_1(data):
@@ -71,3 +83,77 @@ def test_the_benchmark_of_nine_coefficients_runs():
     result = nine_coefficients.run(rounds=1, normals=64)
     assert result["projection_over_sum"] > 0
     assert result["integral_over_nine"] > 1
+
+
+def test_table_5_4_at_a_small_size():
+    """Frequency is far more accurate than a lobe cut at 5 %; times are only reported."""
+    result = table_5_4.run(size=32, exponents=(8,))
+    row = result["rows"][0]
+    assert row["error"] < 0.02
+    assert 0.03 < row["angular_error"] < 0.08
+    assert row["ratio"] > 0
+    assert row["importance"]["error"] < 0.1
+    assert "| 8 | 7 |" in table_5_4.table(result)
+
+
+def test_table_5_5_at_a_small_size():
+    result = table_5_5.run(size=32, sigmas=(0.4,))
+    row = result["rows"][0]
+    assert row["error"] < 0.12
+    assert row["importance"]["error"] < 0.12
+    assert "| 0.4 | 5, 2 |" in table_5_5.table(result)
+
+
+def test_importance_sampling_is_the_integral(dtype):
+    """Unfiltered and with many samples; filtered, under constant light, with few."""
+    panorama = prefiltering.light(32).astype(dtype)
+    towards = jnp.asarray(unit_vectors(np.random.default_rng(0), 40), dtype)
+    model = brdf.phong(12.0)
+
+    def draw(n, v, count=4096):
+        return importance.draw_phong(12.0, count, shjax.sphere.mirror(n, v))
+
+    exact = shjax.reference_reflection(panorama, model, towards, towards)
+    found = importance.reflect(
+        (panorama,), model, towards, towards, draw=draw, filtered=False
+    )
+    assert relative_error(found, exact) < 0.02
+    levels = importance.pyramid(jnp.ones((32, 32, 3), dtype))
+    sigma, few = brdf.gaussian_microfacet(0.3), 256
+    views = shjax.sphere.normalize(towards + 0.3)
+    found = importance.reflect(
+        levels, sigma, towards, views,
+        draw=lambda n, v: importance.draw_microfacet(0.3, few, n, v),
+    )  # fmt: skip
+    exact = shjax.reference_reflection(
+        jnp.ones((128, 256, 3), dtype), sigma, towards, views
+    )
+    assert relative_error(found, exact) < 0.05
+
+
+def test_figures_of_chapter_5(tmp_path, data):
+    numbers = figures_5.run(tmp_path, size=32, samples=2)
+    estimates = numbers["5.5"]
+    np.testing.assert_allclose(
+        estimates["predicted from the spectrum"], estimates["exact"], atol=1e-5
+    )
+    # Both of the thesis's estimates are conservative.
+    for name in ("minimum of errors", "residual heuristic (5.19)"):
+        assert np.all(np.array(estimates[name]) <= np.array(estimates["exact"]) + 1e-6)
+    rms = list(numbers["5.6"]["rms"].values())
+    assert rms[0] > rms[1] > rms[2]
+    velvet = numbers["5.8"]["rms"]
+    assert velvet["SHRM, P = 5"] < velvet["q = 0 (Kautz and McCool)"] / 2
+    for case in numbers["5.9"].values():
+        shrm_error, cabral_error = case.values()
+        assert shrm_error < cabral_error / 2
+    assert len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.json"))) == 6
+
+
+def test_reflection_maps_are_timed():
+    result = reflection_maps.run(rounds=1)
+    assert result["bytes"]["local"]["output"] == 128 * 128 * 16 * 3 * 4
+    assert (
+        result["bytes"]["local"]["temporary"] <= 2 * result["bytes"]["local"]["output"]
+    )
+    assert "dynamic map over product" in reflection_maps.table(result)

@@ -170,6 +170,23 @@ def _covered(gbuffer: GBuffer, values: jax.Array) -> jax.Array:
     return jnp.where(scale == 0, 0, jnp.broadcast_to(values, shape) * scale)
 
 
+def mirrored(
+    gbuffer: GBuffer, radiance: Float[Array, "n_theta n_phi C"]
+) -> Float[jax.Array, "H W C"]:
+    """A perfect mirror: the panorama at the reflected directions.
+
+    Args:
+        gbuffer: What the picture shows.
+        radiance: Panorama as it is stored, with an even number of columns.
+
+    Returns:
+        The picture, ``(H, W, C)``, times albedo and coverage.
+    """
+    return _covered(
+        gbuffer, panorama_at(radiance, mirror(gbuffer.normals, gbuffer.views))
+    )
+
+
 def background(
     radiance: Float[Array, "n_theta n_phi C"],
     camera: Camera,

@@ -1,0 +1,1 @@
+"""What others do in place of shjax, as small jitted functions, each with a test."""

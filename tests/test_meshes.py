@@ -1,0 +1,209 @@
+"""Meshes by ray casting; pictures of spheres and meshes beside another renderer's."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import shjax
+from shjax import brdf, io, render
+from shjax.envmap import make_envmap
+from shjax.render.meshes import load_mesh, trace_mesh, visibility
+from tests.helpers import check_gradients, relative_error, unit_vectors
+from tests.mitsuba import FRONT, environment
+
+trimesh = pytest.importorskip("trimesh")
+
+
+@pytest.fixture
+def ball_file(tmp_path):
+    path = tmp_path / "ball.ply"
+    trimesh.creation.icosphere(subdivisions=5).export(path)
+    return path
+
+
+@pytest.mark.parametrize("fov", [None, 0.7])
+def test_a_ball_of_triangles_is_the_ball(ball_file, fov):
+    camera = render.Camera(origin=(3.0, -2.0, 1.5), fov=fov)
+    mesh, exact = render.mesh(ball_file, camera, 48), render.sphere(48, camera)
+    assert abs(float(jnp.sum(mesh.mask - exact.mask))) < 0.005 * float(
+        jnp.sum(exact.mask)
+    )
+    whole = np.asarray((mesh.mask == 1) & (exact.mask == 1))
+    facing = np.asarray(jnp.sum(exact.normals * exact.views, -1)) > 0.3
+    cosine = np.sum(np.asarray(mesh.normals) * np.asarray(exact.normals), -1)[
+        whole & facing
+    ]
+    assert np.min(cosine) > np.cos(np.radians(1.5))
+    np.testing.assert_allclose(mesh.views[whole], exact.views[whole], atol=1e-5)
+    outside = np.asarray(mesh.mask) == 0
+    assert np.all(np.asarray(mesh.normals)[outside] == 0)
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "ply"])
+def test_files(tmp_path, kind):
+    path = tmp_path / f"cube.{kind}"
+    trimesh.creation.box().export(path)
+    buffer = render.mesh(path, render.Camera(origin=(4.0, 0.0, 0.0), width=2.0), 8)
+    assert np.asarray(buffer.mask).sum() == pytest.approx(16)
+    np.testing.assert_allclose(
+        np.linalg.norm(buffer.normals, axis=-1)[3, 3], 1, rtol=1e-5
+    )
+
+
+def test_what_is_no_mesh_is_refused_by_name(tmp_path):
+    (tmp_path / "empty.obj").write_text("")
+    (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\n")
+    (tmp_path / "noise.ply").write_bytes(b"\x00\x01ply rubbish")
+    for name in ("empty.obj", "points.obj", "noise.ply"):
+        with pytest.raises(ValueError, match=name):
+            load_mesh(tmp_path / name)
+    with pytest.raises(OSError, match="gone"):
+        load_mesh(tmp_path / "gone.obj")
+    with pytest.raises(ValueError, match="size and samples"):
+        render.mesh(tmp_path / "gone.obj", render.Camera(), 0)
+
+
+def test_visibility_knows_what_is_in_the_way():
+    floor = trimesh.creation.box((4, 4, 0.1))
+    wall = trimesh.creation.box((0.1, 4, 3)).apply_translation((-1.0, 0, 1.5))
+    scene = trimesh.util.concatenate([floor, wall])
+    camera = render.Camera(
+        origin=(0.5, 0.0, 6.0), target=(0.5, 0.0, 0.0), up=(0.0, 1.0, 0.0), width=0.5
+    )
+    trace = trace_mesh(scene, camera, 4)
+    directions = np.array(
+        [[0.0, 0, 1], [1, 0, 0.3], [-1, 0, 0.3], [0, 0, -1], [0.0, 1, 0.2]]
+    )
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    seen = visibility(trace, directions)
+    assert seen.shape == (4, 4, 5)
+    np.testing.assert_array_equal(seen[2, 2], [True, True, False, False, True])
+
+
+def _rms(picture, truth, where):
+    off = np.sum((np.asarray(picture) - truth)[where] ** 2)
+    return float(np.sqrt(off / np.sum(truth[where] ** 2)))
+
+
+GLOSSY = {
+    "phongLW_n20": brdf.phong_cosine(20.0),
+    "phongRH_n20": brdf.phong(20.0, horizon=True),
+    "ggx_a0.2": brdf.ggx(0.2, 1.0),
+    "ggx_a0.4": brdf.ggx(0.4, 1.0),
+    "mixLW_kd.6_ks.3_n30": brdf.lambertian(0.6) + 0.3 * brdf.phong_cosine(30.0),
+}
+
+
+@pytest.mark.parametrize("light", ["real_city", "band4"])
+@pytest.mark.parametrize("name", GLOSSY)
+def test_glossy_spheres_beside_mitsubas(name, light, data):
+    """Within the pictures' own noise, seen against the integral, and the predicted error."""
+    renders, model = data / "renders", GLOSSY[name]
+    panorama = environment(renders, light)
+    truth = io.read_image(renders / "glossy" / f"sphere_{name}_{light}_front.exr")
+    ball = render.sphere(128, FRONT)
+    facing = jnp.sum(ball.normals * ball.views, -1) > 0.3  # not a pixel's mixed outline
+    where = np.asarray((ball.mask == 1) & facing)
+    noise = _rms(render.reference(ball, jnp.asarray(panorama), model), truth, where)
+    assert noise < 0.025
+    chosen = shjax.choose_model(make_envmap(panorama), model, rms_error=0.05)
+    found = _rms(render.shade(ball, chosen), truth, where)
+    assert chosen.met
+    assert found < noise + chosen.predicted_rms_error
+
+
+@pytest.mark.parametrize("name", ["bunny", "spot"])
+def test_meshes_beside_mitsubas(name, data):
+    """Normals of embree's hits, coverage, and the matte picture (its albedo is 0.8)."""
+    renders = data / "renders"
+    geometry = load_mesh(renders / "meshes" / f"{name}.ply")
+    geometry.vertices = np.asarray(geometry.vertices)[:, [2, 0, 1]]
+    trace = trace_mesh(geometry, FRONT, 128, albedo=0.8)
+    inside = np.asarray(trace.gbuffer.mask) == 1
+    theirs = io.read_image(renders / "aov" / f"{name}_front_normal.exr")[..., [2, 0, 1]]
+    theirs /= np.maximum(np.linalg.norm(theirs, axis=-1, keepdims=True), 1e-9)
+    ours = np.asarray(trace.gbuffer.normals)
+    angles = np.arccos(np.clip(np.sum(ours * theirs, axis=-1), -1, 1))
+    assert np.degrees(np.mean(angles[inside])) < 1
+    lighting = shjax.analyze(jnp.asarray(environment(renders, "real_city")), l_max=30)
+    truth = io.read_image(renders / "mesh" / f"{name}_real_city_front_noshadow.exr")
+    facing = inside & (np.sum(ours * np.asarray(trace.gbuffer.views), axis=-1) > 0.3)
+    matte = (
+        0.8 / np.pi * shjax.irradiance(lighting, jnp.asarray(theirs, lighting.dtype))
+    )
+    noise = _rms(matte, truth, facing)  # by their own normals
+    assert noise < 0.03
+    assert (
+        _rms(render.lambertian(trace.gbuffer, lighting), truth, facing) < noise + 0.01
+    )
+
+
+def test_local_global_and_dynamic_pictures_agree(rng, dtype):
+    lighting = jnp.asarray(rng.normal(size=(36, 3)), dtype)
+    rho = shjax.brdf_coefs(brdf.gaussian_microfacet(0.4), l_max=5, p_max=2).astype(
+        dtype
+    )
+    ball = render.sphere(24)  # orthographic: one view
+    local = render.glossy(ball, shjax.prefilter(lighting, rho, n_theta=48, n_phi=96))
+    world = shjax.prefilter(lighting, rho, n_theta=48, n_phi=96, frame="global")
+    for frame in ("global", "dynamic"):
+        assert relative_error(render.glossy(ball, world, frame=frame), local) < 2e-3
+    with pytest.raises(ValueError, match="frame must be"):
+        render.glossy(ball, world, frame="world")
+    exact = shjax.reflect(
+        lighting, rho, shjax.sphere.mirror(ball.normals, ball.views), ball.views
+    )
+    assert relative_error(local, exact * ball.mask[..., None]) < 2e-3
+
+
+def test_reference_picture_and_model_agree(rng, dtype):
+    light = np.zeros((16, 3))
+    light[0] = 4.0
+    light[1:9] = rng.normal(size=(8, 3)) * 0.3
+    panorama = shjax.synthesize(jnp.asarray(light, dtype), n_theta=32, n_phi=64)
+    for model, tangents in ((brdf.phong(6.0), False), (brdf.kajiya_kay(4.0), True)):
+        ball = render.sphere(20, tangents=tangents)
+        chosen = shjax.choose_model(jnp.asarray(light, dtype), model, rms_error=0.01)
+        exact = render.reference(ball, panorama, model)
+        assert relative_error(render.shade(ball, chosen), exact) < 0.03
+
+
+def test_mirror_and_background_show_the_light(dtype):
+    panorama = jnp.zeros((32, 64, 1), dtype).at[:16].set(1.0)  # white above
+    camera = render.Camera(origin=(-4.0, 0.0, 0.0), fov=1.0)
+    behind = np.asarray(render.background(panorama, camera, 16))
+    assert np.all(behind[:7] > 0.95)
+    assert np.all(behind[9:] < 0.05)
+    reflected = np.asarray(render.mirrored(render.sphere(17), panorama))
+    assert reflected[4, 8, 0] > 0.95
+    assert reflected[12, 8, 0] < 0.05
+
+
+@pytest.mark.x64
+def test_gradients_of_a_rendered_pixel(rng):
+    """With respect to light, material, normal and the camera's rotation."""
+    lighting = jnp.asarray(rng.normal(size=(25, 3)))
+    normal = unit_vectors(rng, 1)
+    view = normal + 0.5 * unit_vectors(rng, 1)
+
+    def pixel(light, alpha, f0, n, turn):
+        c, s = jnp.cos(turn), jnp.sin(turn)
+        z, o = jnp.zeros_like(c), jnp.ones_like(c)
+        rotation = jnp.stack(
+            [jnp.stack([c, -s, z]), jnp.stack([s, c, z]), jnp.stack([z, z, o])]
+        )
+        v = shjax.sphere.normalize(jnp.asarray(view) @ rotation.T)
+        buffer = render.make_gbuffer(n[None], views=v[None], albedo=0.7)
+        rho = shjax.brdf_coefs(brdf.ggx(alpha, f0), l_max=4, p_max=2)
+        maps = shjax.prefilter(light, rho, n_theta=16, n_phi=32)
+        return render.glossy(buffer, maps)
+
+    check_gradients(
+        pixel,
+        lighting,
+        jnp.asarray(0.4),
+        jnp.asarray(0.3),
+        jnp.asarray(normal),
+        jnp.asarray(0.2),
+        tolerance=1e-6,
+    )
