@@ -254,6 +254,9 @@ def test_channels_and_sums(rng, dtype):
     for c, s in enumerate((5.0, 10.0, 20.0)):
         one = brdf.transfer(brdf.phong(s), normals, lights, views)[:, 0]
         np.testing.assert_allclose(per_channel[:, c], one, rtol=1e-5)
+    for listed in ([5.0, 10.0, 20.0], [5, 10, 20], np.array([5, 10, 20])):
+        found = brdf.transfer(brdf.phong(listed), normals, lights, views)
+        np.testing.assert_allclose(found, per_channel, rtol=1e-5)
     many = brdf.phong(jnp.linspace(1.0, 30.0, 31, dtype=dtype))
     assert brdf.transfer(many, normals, lights, views).shape == (20, 31)
 
@@ -528,6 +531,7 @@ def test_parameters_jit_and_batch(dtype):
         (lambda: brdf.ggx(0.3, 2.0), "f0"),
         (lambda: brdf.gaussian_microfacet(0.0), "sigma"),
         (lambda: brdf.ggx(np.ones(2) / 2, np.ones(3) / 2), "number of channels"),
+        (lambda: brdf.phong("shiny"), "exponent must be a number"),
         (lambda: brdf.lafortune([1.0], [1.0, 2.0], [3.0]), "cxy, cz and exponent"),
         (lambda: brdf.lambertian(np.ones(3)) + brdf.phong(np.ones(2)), "same number"),
         (lambda: brdf.lambertian(0.5) * np.ones((2, 2)), "scaled by a number"),

@@ -148,12 +148,13 @@ def make_brdf(model: Model, **parameters) -> Brdf:
 
 
 def _float_type(value):
-    given = jnp.result_type(value)
+    """The type of a parameter: its own if it is a float, JAX's default for whole numbers."""
+    given = value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype
     if jnp.issubdtype(given, jnp.floating) and hasattr(value, "dtype"):
         return jnp.float32 if jnp.finfo(given).bits < 32 else given
-    if jnp.issubdtype(given, jnp.number) and not hasattr(value, "dtype"):
+    if jnp.issubdtype(given, jnp.floating) or jnp.issubdtype(given, jnp.integer):
         return jnp.result_type(float)
-    raise ValueError(f"a BRDF's parameters must be floating-point; got {given}.")
+    raise ValueError(f"a BRDF's parameters must be real numbers; got {given}.")
 
 
 def check_range(
@@ -166,7 +167,12 @@ def check_range(
     """
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
         return
-    values = np.asarray(value, np.float64)
+    try:
+        values = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{name} must be a number or numbers; got {value!r}."
+        ) from None
     fine = (values > low if open_low else values >= low) & (values <= high)
     if not np.all(fine):
         left = "(" if open_low else "["
