@@ -22,7 +22,6 @@ from shjax.harmonics import evaluate, power_spectrum
 from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
 from shjax.kernels import BrdfExpansion, order_counts
 from shjax.model import choose_model
-from shjax.sphere import latlong_phi, latlong_theta, spherical_directions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,23 +57,30 @@ def _encoded(image: np.ndarray, white: float | None = None) -> np.ndarray:
     return np.clip(np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3)), 0, 1)
 
 
-def coefficients(coefs: Float[Array, "K C"], *, n: int = 96) -> Figure:
-    """An expansion and each of its degrees on the sphere, lat-long; channels averaged.
+def coefficients(coefs: Float[Array, "K C"], *, size: int = 128) -> Figure:
+    """An expansion and each of its degrees on a sphere; channels averaged.
+
+    Above as the default camera sees it (from -x, where a panorama's centre is reflected),
+    below from the other side.
 
     Args:
         coefs: Coefficients, ``(K, C)``.
-        n: Rows of each picture.
+        size: Side of each picture, pixels.
     """
     l_max = degree_of_coefs(coefs.shape)
-    figure, axes = new_figure(1, l_max + 2, 2 * _INCH, 1.15 * _INCH)
-    directions = spherical_directions(latlong_theta(n)[:, None], latlong_phi(2 * n))
-    towards = jnp.asarray(directions, jnp.asarray(coefs).dtype)
+    figure, axes = new_figure(1, l_max + 2, 1.2 * _INCH, 2 * _INCH)
+    sides = [
+        render.sphere(size, render.Camera(origin=(x, 0.0, 0.0))) for x in (-4.0, 4.0)
+    ]
+    normals = jnp.concatenate([ball.normals for ball in sides])
+    seen = np.concatenate([np.asarray(ball.mask) > 0.5 for ball in sides])
+    towards = normals.astype(jnp.asarray(coefs).dtype)
     l = degrees(l_max)
     for axis, degree in zip(axes[0], [None, *range(l_max + 1)], strict=True):
         keep = np.ones_like(l, bool) if degree is None else l == degree
         part = jnp.where(jnp.asarray(keep)[:, None], jnp.asarray(coefs), 0)
-        values = _grey(np.asarray(evaluate(part, towards)))
-        limit = float(np.abs(values).max()) or 1.0
+        values = np.where(seen, _grey(np.asarray(evaluate(part, towards))), np.nan)
+        limit = float(np.nanmax(np.abs(values))) or 1.0
         title = "sum" if degree is None else f"l = {degree}"
         shown = _show(axis, values, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
         figure.colorbar(shown, ax=axis, shrink=0.7).ax.tick_params(labelsize=6)

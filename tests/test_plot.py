@@ -26,7 +26,7 @@ def test_figures(envmap, tmp_path):
     maps = shjax.prefilter(
         lighting, expansion.rho.astype(lighting.dtype), n_theta=16, n_phi=32
     )
-    coefficients = plot.coefficients(lighting[:9], n=16)
+    coefficients = plot.coefficients(lighting[:9], size=24)
     assert len(coefficients.axes) == 8  # four pictures, four scales
     save(coefficients, tmp_path)
     spectra = plot.spectra(lighting, expansion, chosen=(5, 2))

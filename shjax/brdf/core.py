@@ -148,7 +148,7 @@ def make_brdf(model: Model, **parameters) -> Brdf:
 
 
 def _float_type(value):
-    """The type of a parameter: its own if it is a float, JAX's default for whole numbers."""
+    """The type of a parameter: its own if a float, JAX's default for whole numbers."""
     given = value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype
     if jnp.issubdtype(given, jnp.floating) and hasattr(value, "dtype"):
         return jnp.float32 if jnp.finfo(given).bits < 32 else given

@@ -1,0 +1,211 @@
+"""Candidates, their predicted errors, and the choice among them."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from shjax.arrays import Array
+from shjax.brdf.core import Brdf
+from shjax.convolution import common_channels, convolve
+from shjax.envmap import EnvironmentMap
+from shjax.harmonics import power_spectrum
+from shjax.harmonics.degrees import degree_of_coefs
+from shjax.kernels import brdf_coefs, order_counts, radial_coefs
+from shjax.lights import CapLights
+from shjax.model.known import Energies, Light, brdf_energies, prepare_light, split_parts
+from shjax.model.representation import KINDS, Model, basis_of
+from shjax.shrm import default_size, prefilter_in
+
+_DIFFUSE_DEGREES = (0, 2, 4, 6, 8, 12, 16, 24, 32)
+_VIEW_DEGREES = (16, 32)
+
+
+def choose_model(
+    lighting: EnvironmentMap | Light | Float[Array, "K C"],
+    brdf: Brdf,
+    *,
+    rms_error: float,
+    max_bytes: int = 2**28,
+    energies: Energies | None = None,
+) -> Model:
+    """The smallest model whose predicted rms error is small enough.
+
+    Args:
+        lighting: An environment map; what :func:`prepare_light` made of one, where one
+            light meets several BRDFs; or radiance coefficients (what lies beyond their
+            degree is taken as zero).
+        brdf: The reflectance; concrete (this runs eagerly).
+        rms_error: Error over all orientations and views, relative to the rms radiance;
+            its square is the error in energy.
+        max_bytes: Larger models are not considered.
+        energies: From :func:`brdf_energies`, where one BRDF meets several lights.
+
+    Returns:
+        The model; ``met`` is False where none is good enough, and it is then the one with
+        the smallest predicted error.
+
+    Raises:
+        ValueError: If ``rms_error`` is not positive, ``max_bytes`` too small for any
+            model, or the channels do not fit.
+    """
+    if not rms_error > 0:
+        raise ValueError(f"rms_error must be positive; got {rms_error}.")
+    light = lighting if isinstance(lighting, Light) else prepare_light(lighting)
+    l_light = degree_of_coefs(light.coefs.shape, "lighting")
+    channels = common_channels(light.coefs.shape[-1], brdf.channels, "brdf")
+    coefs, rest = (
+        None if a is None else jnp.broadcast_to(a, (a.shape[0], channels))
+        for a in (light.coefs, light.rest)
+    )
+    assert coefs is not None
+    degrees = _VIEW_DEGREES if energies is None else (energies.rho.shape[1] - 1,)
+    best, kept, lights = None, coefs, None
+    for p_max in degrees:
+        known = energies or brdf_energies(brdf, l_max=l_light, p_max=p_max)
+        pick = functools.partial(
+            _cheapest, coefs, brdf, known, rms_error, max_bytes, channels
+        )
+        best, kept, lights = pick(coefs), coefs, None
+        if rest is not None:
+            split = pick(rest)
+            if split is not None and (best is None or _helps(split, best, rms_error)):
+                best, kept, lights = split, rest, light.lights
+        if best is not None and best.error <= rms_error:
+            break
+    if best is None:
+        raise ValueError(f"max_bytes={max_bytes} is too small for any model.")
+    return _built(coefs, kept, lights, brdf, best, rms_error)
+
+
+def _helps(split: _Candidate, plain: _Candidate, rms_error: float) -> bool:
+    """Whether taking the lights out reaches the error at last, or by half the bytes."""
+    if plain.error > rms_error:
+        return split.error < plain.error
+    return split.error <= rms_error and 2 * split.bytes < plain.bytes
+
+
+class _Candidate(NamedTuple):
+    bytes: int
+    rank: int
+    error: float
+    kind: str
+    l_max: int
+    p_max: int
+    diffuse_l_max: int | None
+
+
+def _cheapest(
+    whole_light: jax.Array,
+    brdf: Brdf,
+    known: Energies,
+    rms_error: float,
+    max_bytes: int,
+    channels: int,
+    coefs: jax.Array,
+) -> _Candidate | None:
+    """The smallest candidate that is good enough, else the best one that fits.
+
+    Errors are those of the light in ``coefs``, relative to what the whole one gives.
+    """
+    l_light = degree_of_coefs(coefs.shape)
+
+    def weights(light: jax.Array) -> np.ndarray:
+        spectrum = np.asarray(power_spectrum(light), np.float64)
+        return 4 * np.pi * spectrum / (2 * np.arange(l_light + 1)[:, None] + 1)
+
+    weight = weights(coefs)
+    whole = np.sum(weights(whole_light) * known.both[: l_light + 1])
+    matte, rest = split_parts(brdf)
+    item = coefs.dtype.itemsize * channels
+    degrees = [d for d in _DIFFUSE_DEGREES if d < l_light] + [l_light]
+    if matte is None:
+        degrees = [-1]
+    found: list[_Candidate] = []
+    for d in degrees:
+        own = (d + 1) ** 2 * item
+        order = d if matte is not None else None
+        if rest is None:
+            lost = np.sum((weight * known.both[: l_light + 1])[d + 1 :])
+            error = math.sqrt(lost / whole) if whole else 0.0
+            found.append(_Candidate(own, 0, error, "irradiance", d, 0, order))
+            continue
+        for kind, lost in _lost(weight, known, d).items():
+            error = np.sqrt(np.maximum(lost, 0) / (whole or 1.0))
+            for f, p in np.ndindex(*error.shape):
+                rows, columns = default_size(f)
+                count = len(basis_of(kind, p).orders)
+                size = own + rows * columns * count * item
+                name, rank = ("radial", 1) if p == 0 else (kind, KINDS.index(kind))
+                found.append(
+                    _Candidate(size, rank, float(error[f, p]), name, f, p, order)
+                )
+    found = [one for one in found if one.bytes <= max_bytes]
+    if not found:
+        return None
+    enough = [one for one in found if one.error <= rms_error]
+    return min(enough) if enough else min(found, key=lambda one: (one.error, one.bytes))
+
+
+def _lost(weight: np.ndarray, known: Energies, d: int) -> dict[str, np.ndarray]:
+    """Lost energy of each ``(F, P)`` for maps with all q and with q = 0 alone.
+
+    Degrees to d of the diffuse part are kept about the normal; of the specular part those
+    to F, and of them the coefficients to P. Where the diffuse part is lost too, so is
+    twice its product with what the specular part loses.
+    """
+    count = weight.shape[0]
+    diffuse, specular, both = (
+        a[:count] for a in (known.diffuse, known.specular, known.both)
+    )
+    beyond = (np.arange(count) > d)[:, None]
+    product = (both - diffuse - specular) / 2
+    if d < 0:
+        diffuse, product = np.zeros_like(diffuse), np.zeros_like(product)
+    dropped = specular + np.where(beyond, diffuse + 2 * product, 0)
+    times = order_counts(known.rho.shape[1] - 1)
+    lost = {}
+    for kind in ("shrm", "q=0"):
+        chosen = times if kind == "shrm" else np.where(times == 1, 1, 0)
+        squares, crossed = (
+            np.cumsum(np.einsum("lpqc,q->lpc", a[:count], chosen), axis=1)
+            for a in (known.rho**2, known.cross)
+        )
+        gain = squares + np.where(beyond[:, None], 2 * crossed, 0)
+        kept = np.cumsum(np.einsum("lc,lpc->lp", weight, gain), axis=0)
+        lost[kind] = np.sum(weight * dropped) - kept
+    return lost
+
+
+def _built(
+    lighting: jax.Array,
+    coefs: jax.Array,
+    lights: CapLights | None,
+    brdf: Brdf,
+    chosen: _Candidate,
+    rms_error: float,
+) -> Model:
+    """The model itself, of the light in ``coefs`` and of small ``lights``."""
+    matte, rest = split_parts(brdf)
+    diffuse = maps = None
+    if matte is not None and chosen.diffuse_l_max is not None:
+        d = chosen.diffuse_l_max
+        gains = radial_coefs(matte, l_max=d).astype(coefs.dtype)
+        diffuse = convolve(coefs[: (d + 1) ** 2], gains)
+    if rest is not None:
+        f, p = chosen.l_max, chosen.p_max
+        rho = brdf_coefs(rest, l_max=f, p_max=p, accuracy=1e-4).astype(coefs.dtype)
+        rows, columns = default_size(f)
+        views = basis_of(chosen.kind, p)
+        light = coefs[: (f + 1) ** 2]
+        maps = prefilter_in(views, light, rho, n_theta=rows, n_phi=columns)
+    return Model(
+        brdf, lighting, diffuse, maps, lights, chosen.kind, chosen.l_max, chosen.p_max,
+        chosen.diffuse_l_max, rms_error, chosen.error, chosen.error <= rms_error,
+    )  # fmt: skip
