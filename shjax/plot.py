@@ -32,6 +32,17 @@ _INCH = 2.0
 def new_figure(
     rows: int, columns: int, width: float = _INCH, height: float = _INCH
 ) -> Any:
+    """An empty figure and its axes, ``(rows, columns)``.
+
+    Args:
+        rows: Panels down.
+        columns: Panels across.
+        width: Of one panel, inches.
+        height: Of one panel, inches.
+
+    Raises:
+        ImportError: If matplotlib is not installed.
+    """
     try:
         from matplotlib.figure import Figure
     except ImportError as error:

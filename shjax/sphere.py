@@ -34,8 +34,9 @@ def mirror(
 ) -> Float[jax.Array, "*batch 3"]:
     """The reflected direction ``R = 2 (n.v) n - v``.
 
-    >>> mirror(jnp.array([0.0, 0.0, 1.0]), jnp.array([0.6, 0.0, 0.8])).round(1).tolist()
-    [-0.6000000238418579, 0.0, 0.800000011920929]
+    >>> up, view = jnp.array([0.0, 0.0, 1.0]), jnp.array([0.6, 0.0, 0.8])
+    >>> [f"{x:.1f}" for x in mirror(up, view)]
+    ['-0.6', '0.0', '0.8']
     """
     cosine = jnp.sum(normals * views, axis=-1, keepdims=True)
     return 2 * cosine * normals - views

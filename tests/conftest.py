@@ -1,6 +1,8 @@
 """Settings of the whole suite: strict JAX, run-time shape checks, no silent skips."""
 
+import gc
 import os
+from pathlib import Path
 
 import jax
 import jaxtyping
@@ -40,6 +42,19 @@ def pytest_runtest_makereport(item, call):
         report.outcome = "failed"
         report.longrepr = f"skipped in CI: {report.longrepr}"
     return report
+
+
+_MAPPINGS = Path("/proc/self/maps")
+_MOST_MAPPINGS = 30_000  # Linux allows a process 65 530
+
+
+@pytest.fixture(autouse=True)
+def _room_for_compiled_code():
+    """Drop compiled programs before a long run has no memory mappings left for more."""
+    yield
+    if _MAPPINGS.exists() and _MAPPINGS.read_bytes().count(b"\n") > _MOST_MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture

@@ -138,19 +138,45 @@ def _cheapest(
             continue
         for kind, lost in _lost(weight, known, d).items():
             error = np.sqrt(np.maximum(lost, 0) / (whole or 1.0))
-            for f, p in np.ndindex(*error.shape):
-                rows, columns = default_size(f)
-                count = len(basis_of(kind, p).orders)
-                size = own + rows * columns * count * item
-                name, rank = ("radial", 1) if p == 0 else (kind, KINDS.index(kind))
-                found.append(
-                    _Candidate(size, rank, float(error[f, p]), name, f, p, order)
-                )
+            size = own + _map_bytes(kind, error.shape[0], error.shape[1], item)
+            found += _best_of(kind, error, size, rms_error, max_bytes, order)
     found = [one for one in found if one.bytes <= max_bytes]
     if not found:
         return None
     enough = [one for one in found if one.error <= rms_error]
     return min(enough) if enough else min(found, key=lambda one: (one.error, one.bytes))
+
+
+def _map_bytes(kind: str, degrees: int, views: int, item: int) -> np.ndarray:
+    """Bytes of the map of each ``(F, P)``; ``item`` those of one pixel's coefficient."""
+    pixels = [math.prod(default_size(f)) for f in range(degrees)]
+    counts = [len(basis_of(kind, p).orders) for p in range(views)]
+    return np.outer(pixels, counts) * item
+
+
+def _best_of(
+    kind: str,
+    error: np.ndarray,
+    size: np.ndarray,
+    rms_error: float,
+    max_bytes: int,
+    diffuse_l_max: int | None,
+) -> list[_Candidate]:
+    """The smallest ``(F, P)`` that is good enough and the best one that fits, if any."""
+    fits = size <= max_bytes
+    chosen = []
+    for allowed, cost in ((fits & (error <= rms_error), size), (fits, error)):
+        if np.any(allowed):
+            place = np.argmin(np.where(allowed, cost, np.inf))
+            f, p = (int(k) for k in np.unravel_index(place, error.shape))
+            name = "radial" if p == 0 else kind
+            chosen.append(
+                _Candidate(
+                    int(size[f, p]), KINDS.index(name), float(error[f, p]), name, f, p,
+                    diffuse_l_max,
+                )
+            )  # fmt: skip
+    return chosen
 
 
 def _lost(weight: np.ndarray, known: Energies, d: int) -> dict[str, np.ndarray]:
