@@ -151,7 +151,8 @@ def _float_type(value):
     """The type of a parameter: its own if a float, JAX's default for whole numbers."""
     given = value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype
     if jnp.issubdtype(given, jnp.floating) and hasattr(value, "dtype"):
-        return jnp.float32 if jnp.finfo(given).bits < 32 else given
+        widened = jnp.float32 if jnp.finfo(given).bits < 32 else given
+        return jax.dtypes.canonicalize_dtype(widened)
     if jnp.issubdtype(given, jnp.floating) or jnp.issubdtype(given, jnp.integer):
         return jnp.result_type(float)
     raise ValueError(f"a BRDF's parameters must be real numbers; got {given}.")
