@@ -34,7 +34,7 @@ _RINGS, _SPOKES = 3, 6
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("directions", "cosines", "radiance"),
+    data_fields=("directions", "heights", "flux"),
     meta_fields=(),
 )
 @dataclasses.dataclass(frozen=True)
@@ -43,19 +43,26 @@ class CapLights:
 
     Attributes:
         directions: Unit vectors to their centres, ``(n, 3)``.
-        cosines: Cosine of each half angle, ``(n,)``.
-        radiance: ``(n, C)``.
+        heights: ``1 - cos`` of each half angle, ``(n,)``: in float32 the cosine of a sun
+            has lost its digits. The solid angle is ``2 pi`` times it.
+        flux: Radiance times solid angle, ``(n, C)``.
     """
 
     directions: Float[Array, "n 3"]
-    cosines: Float[Array, " n"]
-    radiance: Float[Array, "n C"]
+    heights: Float[Array, " n"]
+    flux: Float[Array, "n C"]
 
     @property
-    def flux(self) -> Float[jax.Array, "n C"]:
-        """Radiance times solid angle."""
-        solid = 2 * np.pi * (1 - jnp.asarray(self.cosines))
-        return jnp.asarray(self.radiance) * solid[:, None]
+    def angles(self) -> Float[jax.Array, " n"]:
+        """Half angles, radians."""
+        return 2 * jnp.arcsin(jnp.sqrt(jnp.asarray(self.heights) / 2))
+
+    @property
+    def radiance(self) -> Float[jax.Array, "n C"]:
+        """Flux over solid angle."""
+        solid = 2 * np.pi * jnp.asarray(self.heights)
+        flux = jnp.asarray(self.flux)
+        return flux / jnp.broadcast_to(solid[:, None], flux.shape)
 
 
 def split_lights(
@@ -105,9 +112,7 @@ def split_lights(
             CapLights(np.zeros((0, 3)), np.zeros(0), np.zeros((0, channels))),
             envmap,
         )
-    axes, cosines, fluxes = (np.stack(parts) for parts in zip(*found, strict=True))
-    radiance = fluxes / (2 * np.pi * (1 - cosines))[:, None]
-    return CapLights(axes, cosines, radiance), rest
+    return CapLights(*(np.stack(parts) for parts in zip(*found, strict=True))), rest
 
 
 def _grey(image: np.ndarray) -> np.ndarray:
@@ -115,7 +120,7 @@ def _grey(image: np.ndarray) -> np.ndarray:
 
 
 def _brightest(image: np.ndarray, directions, solid, whole: float):
-    """Axis, cosine and flux of the brightest light; its excess leaves the image."""
+    """Axis, height and flux of the brightest light; its excess leaves the image."""
     grey = _grey(image)
     peak = np.unravel_index(int(np.argmax(grey)), grey.shape)
     near = directions @ directions[peak] > np.cos(_WINDOW)
@@ -145,7 +150,8 @@ def _brightest(image: np.ndarray, directions, solid, whole: float):
     moment = np.sum((grey_flux * inner)[:, None] * directions[region], axis=0) / total
     mean = float(np.linalg.norm(moment))
     image[region] -= taken
-    return moment / mean, 2 * mean - 1, flux.sum(axis=0)
+    # The mean cosine of a cap is 1 - height / 2.
+    return moment / mean, 2 * (1 - mean), flux.sum(axis=0)
 
 
 def _connected(bright: np.ndarray, start) -> np.ndarray:
@@ -170,12 +176,13 @@ def cap_coefs(lights: CapLights, *, l_max: int) -> Float[jax.Array, "K C"]:
     ``2 pi (P_(l-1)(c) - P_(l+1)(c)) / (2 l + 1) Y_lm`` a unit of radiance.
 
     Args:
-        lights: The caps, with concrete cosines.
+        lights: The caps, with concrete heights.
         l_max: Highest degree, inclusive. Static.
     """
-    cosines = np.asarray(lights.cosines, np.float64)
+    heights = np.asarray(lights.heights, np.float64)
+    cosines = 1 - heights
     before, last = np.ones_like(cosines), cosines
-    gains = [1 - cosines]
+    gains = [heights]
     for l in range(1, l_max + 1):
         after = ((2 * l + 1) * cosines * last - l * before) / (l + 1)
         gains.append((before - after) / (2 * l + 1))
@@ -208,7 +215,7 @@ def cap_reflection(
         tangents: Unit tangents, for fibres.
     """
     normals = jnp.asarray(normals)
-    dtype, flux = normals.dtype, lights.flux
+    dtype, flux = normals.dtype, jnp.asarray(lights.flux)
     channels = common_channels(flux.shape[-1], brdf.channels, "brdf")
     shape = (*normals.shape[:-1], channels)
     towards, shares = _cap_nodes(lights, dtype)
@@ -231,7 +238,7 @@ def _cap_nodes(lights: CapLights, dtype) -> tuple[jax.Array, jax.Array]:
     x, w = np.polynomial.legendre.leggauss(_RINGS)
     height = jnp.asarray((1 + x) / 2, dtype)  # share of 1 - cos
     turn = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
-    fall = (1 - jnp.asarray(lights.cosines, dtype))[:, None] * height[None]
+    fall = jnp.asarray(lights.heights, dtype)[:, None] * height[None]
     across = jnp.sqrt(jnp.maximum(fall * (2 - fall), 0))[..., None]  # [n, ring, 1]
     frame = frames(jnp.asarray(lights.directions, dtype))
     spokes = jnp.asarray(np.stack([np.cos(turn), np.sin(turn)], -1), dtype)

@@ -160,9 +160,9 @@ def sun_panorama(rows=64, radius=2.5, strength=5000.0):
 def test_a_sun_is_split_off_and_nothing_else(rng):
     envmap, axis = sun_panorama(128)
     lights, rest = split_lights(envmap)
-    assert len(lights.cosines) == 1
+    assert len(lights.heights) == 1
     assert np.degrees(np.arccos(np.clip(lights.directions[0] @ axis, -1, 1))) < 0.3
-    assert np.degrees(np.arccos(lights.cosines[0])) == pytest.approx(2.5, abs=0.6)
+    assert np.degrees(lights.angles[0]) == pytest.approx(2.5, abs=0.6)
     np.testing.assert_allclose(
         lights.radiance[0] / lights.radiance[0, 0], [1, 0.8, 0.5], rtol=0.01
     )
@@ -183,10 +183,10 @@ def test_a_sun_is_split_off_and_nothing_else(rng):
         np.zeros((8, 16, 1)),
     ):
         lights, rest = split_lights(make_envmap(plain.astype(np.float32)))
-        assert len(lights.cosines) == 0
+        assert len(lights.heights) == 0
         np.testing.assert_array_equal(rest.radiance, plain.astype(np.float32))
     wide, _ = split_lights(sun_panorama(128, radius=8.0)[0])
-    assert len(wide.cosines) == 0
+    assert len(wide.heights) == 0
 
 
 def test_flux_is_conserved_on_panoramas(data):
@@ -207,9 +207,9 @@ def test_flux_is_conserved_on_panoramas(data):
 def test_cap_coefficients_and_shading_are_the_integral(rng):
     gamma = np.radians(20.0)
     axis = unit_vectors(rng, 1)
-    lights = CapLights(
-        jnp.asarray(axis), jnp.asarray([np.cos(gamma)]), jnp.asarray([[2.0, 3.0]])
-    )
+    height = 1 - np.cos(gamma)
+    flux = 2 * np.pi * height * np.array([[2.0, 3.0]])
+    lights = CapLights(jnp.asarray(axis), jnp.asarray([height]), jnp.asarray(flux))
     coefs = cap_coefs(lights, l_max=6)
     x, w = np.polynomial.legendre.leggauss(40)
     height = 1 - (1 - np.cos(gamma)) * (1 + x) / 2
@@ -243,13 +243,13 @@ def test_cap_coefficients_and_shading_are_the_integral(rng):
     assert relative_error(found[lit], exact[lit]) < 2e-3
     check_gradients(
         lambda d, r, a: cap_reflection(
-            CapLights(shjax.sphere.normalize(d), lights.cosines, r),
+            CapLights(shjax.sphere.normalize(d), lights.heights, r),
             brdf.ggx(a, 0.2),
             normals[lit],
             views[lit],
         ),
         lights.directions,
-        lights.radiance,
+        lights.flux,
         jnp.asarray(0.5),
         tolerance=1e-6,
     )

@@ -63,7 +63,7 @@ def prepare_light(lighting: EnvironmentMap | Float[Array, "K C"]) -> Light:
     if not isinstance(lighting, EnvironmentMap) or lighting.layout != "latlong":
         return Light(coefs, None, None)
     lights, rest = split_lights(lighting)
-    if not len(lights.cosines):
+    if not len(lights.heights):
         return Light(coefs, None, None)
     cast = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), lights)
     return Light(coefs, cast, light_coefs(rest))

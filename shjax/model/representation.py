@@ -109,7 +109,7 @@ class Model:
             if self.diffuse_l_max is not None:
                 what += f", and {(self.diffuse_l_max + 1) ** 2} for the diffuse part"
         if self.lights is not None:
-            what += f", and {len(self.lights.cosines)} small light(s) shaded exactly"
+            what += f", and {len(self.lights.heights)} small light(s) shaded exactly"
         rms, asked = self.predicted_rms_error, self.asked_rms_error
         line = (
             f"{what}: {_size(self.bytes)}; predicted error {rms:.2%} rms "
