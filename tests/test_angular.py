@@ -110,7 +110,7 @@ def test_measured_error_knows_its_own_error(rng):
 
 
 ORDERS = [(2, 0), (4, 2), (8, 1), (12, 3), (24, 2), (40, 6)]
-DEGREE = 80  # to which the panoramas' samples are expanded
+DEGREE = 64  # to which the panoramas' samples are expanded
 
 
 @pytest.fixture(scope="module")
