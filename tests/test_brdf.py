@@ -261,6 +261,30 @@ def test_channels_and_sums(rng, dtype):
     assert brdf.transfer(many, normals, lights, views).shape == (20, 31)
 
 
+def test_a_grey_brdf_takes_a_colour_as_factor(rng, dtype):
+    lights, views = (jnp.asarray(upper(rng, 9), dtype) for _ in range(2))
+    normals = jnp.broadcast_to(jnp.asarray(UP, dtype), lights.shape)
+    colour = np.array([0.9, 0.5, 0.2])
+    for grey in (
+        brdf.ggx(0.4, multiscatter=True),
+        brdf.phong(9.0),
+        brdf.lambertian(0.5),
+    ):
+        for tinted in (
+            colour * grey,
+            grey * jnp.asarray(colour, dtype),
+            grey * [0.9, 0.5, 0.2],
+        ):
+            found = brdf.transfer(tinted, normals, lights, views)
+            plain = brdf.transfer(grey, normals, lights, views)
+            np.testing.assert_allclose(
+                found, plain * jnp.asarray(colour, dtype)[None], rtol=1e-5
+            )
+            rho = shjax.brdf_coefs(tinted, l_max=3, p_max=1)
+            whole = shjax.brdf_coefs(grey, l_max=3, p_max=1)
+            np.testing.assert_allclose(rho, np.asarray(whole) * colour, atol=1e-5)
+
+
 def test_a_table_is_read_multilinearly(rng, dtype):
     def smooth(i, o, phi):
         return 0.3 + 0.1 * i - 0.05 * o + 0.02 * phi

@@ -134,6 +134,9 @@ def test_not_met_is_said_and_the_best_is_given(rng, dtype):
         choose_model(light, model, rms_error=0.1, max_bytes=10)
     with pytest.raises(ValueError, match="rms_error must be positive"):
         choose_model(light, model, rms_error=0.0)
+    short = brdf_energies(brdf.phong(9.0), l_max=4, p_max=1)
+    with pytest.raises(ValueError, match="energies must reach the light's degree 12"):
+        choose_model(light, brdf.phong(9.0), rms_error=0.1, energies=short)
     with pytest.raises(ValueError, match="number of channels"):
         choose_model(light, brdf.phong(np.ones(2)), rms_error=0.1)
 

@@ -114,10 +114,15 @@ class Brdf:
                 )
             shape = np.broadcast_shapes(by.shape, part.weight.shape)
             weight = jnp.broadcast_to(by, shape) * jnp.broadcast_to(part.weight, shape)
-            scaled.append(dataclasses.replace(part, weight=weight))
+            full = {
+                name: jnp.broadcast_to(array, (*array.shape[:-1], *shape))
+                for name, array in part.parameters.items()
+            }
+            scaled.append(Part(part.model, full, weight))
         return Brdf(tuple(scaled))
 
     __rmul__ = __mul__
+    __array_ufunc__ = None  # an array times a BRDF is a BRDF, not an array of them
 
 
 def make_brdf(model: Model, **parameters) -> Brdf:

@@ -53,12 +53,17 @@ def choose_model(
 
     Raises:
         ValueError: If ``rms_error`` is not positive, ``max_bytes`` too small for any
-            model, or the channels do not fit.
+            model, ``energies`` too short, or the channels do not fit.
     """
     if not rms_error > 0:
         raise ValueError(f"rms_error must be positive; got {rms_error}.")
     light = lighting if isinstance(lighting, Light) else prepare_light(lighting)
     l_light = degree_of_coefs(light.coefs.shape, "lighting")
+    if energies is not None and energies.rho.shape[0] <= l_light:
+        raise ValueError(
+            f"energies must reach the light's degree {l_light}; they end at "
+            f"l_max={energies.rho.shape[0] - 1}."
+        )
     channels = common_channels(light.coefs.shape[-1], brdf.channels, "brdf")
     coefs, rest = (
         None if a is None else jnp.broadcast_to(a, (a.shape[0], channels))
