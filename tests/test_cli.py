@@ -294,6 +294,7 @@ def test_reflect(tmp_path):
     limit = 1.02 * 0.05 + 3 * result["measured_standard_error"]
     assert result["measured_rms_error"] <= limit
     assert result["schema"] == "shjax.reflect/1"
+    assert result["lights"] == []
     spheres = io.read_image(tmp_path / "out" / "a_spheres.exr")
     model, exact, difference = np.split(spheres, 3, axis=1)
     np.testing.assert_allclose(model - exact, difference, atol=1e-6)
@@ -335,6 +336,22 @@ def test_reflect(tmp_path):
         cwd=tmp_path,
     )
     assert turned.returncode == 0, turned.stderr
+
+
+def test_reflect_tells_the_lights_that_are_in_no_map(tmp_path):
+    image = np.ones((64, 128, 3), np.float32)
+    image[20, 40] = [4000.0, 2000.0, 1000.0]
+    io.write_image(tmp_path / "sun.exr", image)
+    finished = shell(
+        "reflect", "sun.exr", "--brdf", "phong exponent=40", "--size", "16", "--out", "out", "--json",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert finished.returncode == 0, finished.stderr
+    (light,) = json.loads(finished.stdout)["lights"]
+    towards = shjax.sphere.latlong_directions(64, 128)[20, 40]
+    np.testing.assert_allclose(light["direction"], towards, atol=1e-4)
+    area = shjax.sphere.latlong_solid_angles(64, 128)[20]
+    np.testing.assert_allclose(light["flux"], area * (image[20, 40] - 1), rtol=1e-3)
 
 
 def test_render_a_turntable_that_resumes(tmp_path):

@@ -160,6 +160,7 @@ def run(
         if model.diffuse is None
         else np.asarray(model.diffuse, float).tolist(),
     }
+    result["lights"] = _lights(model)
     about = header(envmap.report.source, units="radiance", model=model.message)
     files = {
         name: str(out / f"{stem}_{name}") for name in ("spheres.exr", "spheres.png")
@@ -176,6 +177,19 @@ def run(
             channels=layer_names(model),
         )
     return {**result, "files": files}, model
+
+
+def _lights(model: Model) -> list[dict]:
+    """The small lights that are in no map: centre, half angle in degrees, flux."""
+    if model.lights is None:
+        return []
+    rows = zip(
+        np.asarray(model.lights.directions, float).tolist(),
+        np.degrees(np.asarray(model.lights.angles, float)).tolist(),
+        np.asarray(model.lights.flux, float).tolist(),
+        strict=True,
+    )
+    return [{"direction": d, "half_angle": a, "flux": f} for d, a, f in rows]
 
 
 def layer_names(model: Model) -> list[str]:
