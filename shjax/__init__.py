@@ -13,8 +13,11 @@ import importlib
 from typing import TYPE_CHECKING
 
 from shjax import brdf as brdf
+from shjax import ibl as ibl
+from shjax import lights as lights
 from shjax import render as render
 from shjax import shrm as shrm
+from shjax.adapted import adapt as adapt
 from shjax.angular import reference_reflection as reference_reflection
 from shjax.angular import (
     reference_reflection_samples as reference_reflection_samples,
@@ -37,6 +40,10 @@ from shjax.harmonics import scale_degrees as scale_degrees
 from shjax.harmonics import spread as spread
 from shjax.harmonics import synthesize as synthesize
 from shjax.harmonics import wigner_d as wigner_d
+from shjax.ibl import PrefilteredLight as PrefilteredLight
+from shjax.ibl import predicted_shading_error as predicted_shading_error
+from shjax.ibl import prefilter_light as prefilter_light
+from shjax.ibl import shade as shade
 from shjax.irradiance import clamped_cosine_coefs as clamped_cosine_coefs
 from shjax.irradiance import cosine_kernel as cosine_kernel
 from shjax.irradiance import irradiance as irradiance

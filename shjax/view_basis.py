@@ -27,6 +27,9 @@ from shjax.harmonics.wigner import tables as wigner_tables
 from shjax.harmonics.wigner import turn_about_y, waves
 
 
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=(), meta_fields=("p_max",)
+)
 @dataclasses.dataclass(frozen=True)
 class HarmonicViews:
     """The harmonics ``Y_pq`` to degree ``p_max``: Q = (p_max + 1)^2 functions.
@@ -79,6 +82,9 @@ class HarmonicViews:
         return _about_z(maps, phi, q) if to_world else maps
 
 
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=(), meta_fields=("p_max",)
+)
 @dataclasses.dataclass(frozen=True)
 class ZonalViews:
     """The harmonics ``Y_p0`` alone: no azimuth, P + 1 functions [T5, section 5.7.3].
@@ -104,7 +110,72 @@ class ZonalViews:
         return jnp.take(basis(views, l_max=self.p_max), zonal, axis=-1)
 
 
-ViewBasis = HarmonicViews | ZonalViews
+_LINES = 129
+
+
+def view_lines() -> np.ndarray:
+    """Angles about R of the table lines of :class:`AdaptedViews`, ``(lines,)``, radians.
+
+    Dense towards grazing views, where ``cos(theta_o / 2) = n.v`` vanishes.
+    """
+    return 2 * np.arccos(np.linspace(0, 1, _LINES) ** 2 * (1 - 1e-12))
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("table",),
+    meta_fields=("functions", "orders"),
+)
+@dataclasses.dataclass(frozen=True)
+class AdaptedViews:
+    """Functions of the view from a table (:func:`shjax.adapted.adapt`).
+
+    Attributes:
+        table: ``b_k(theta_o) / sin(theta_o / 2)^q`` at :func:`view_lines`, ``(J, lines)``.
+        functions: The row of each map.
+        orders: Signed q of each map; negative for sines.
+    """
+
+    table: jax.Array
+    functions: tuple[int, ...]
+    orders: tuple[int, ...]
+
+    def values(self, views: jax.Array) -> jax.Array:
+        """The functions at unit vectors ``(..., 3)``: ``(..., Q)``."""
+        x, y, z = views[..., 0], views[..., 1], views[..., 2]
+        squared = jnp.clip((1 + z) / 2, 1e-12, 1)  # (n.v)^2
+        cosine = jnp.sqrt(squared)
+        place = jnp.sqrt(cosine) * (_LINES - 1)
+        line = jnp.clip(jnp.floor(place), 0, _LINES - 2).astype(jnp.int32)
+        share = place - line.astype(place.dtype)
+        table = self.table.astype(views.dtype)
+        low, high = (jnp.take(table, line + step, axis=1) for step in (0, 1))
+        radial = low + jnp.broadcast_to(share, low.shape) * (high - low)  # [j, ...]
+        rise = halfway(x / (2 * cosine), y / (2 * cosine), self.orders)
+        return jnp.stack(
+            [radial[j] * wave for j, wave in zip(self.functions, rise, strict=True)],
+            axis=-1,
+        )
+
+
+def halfway(x: jax.Array, y: jax.Array, orders: tuple[int, ...]) -> list[jax.Array]:
+    """``sin(theta_o/2)^q sqrt(2) (cos | sin) q phi_o``, without trigonometry.
+
+    Args:
+        x: The normal's component along e_theta of R, ``sin(theta_o/2) cos phi_o``.
+        y: Along e_phi.
+        orders: Signed q; 0 gives 1, negative ones sines. Static.
+    """
+    powers = [(jnp.ones_like(x), jnp.zeros_like(x))]
+    for _ in range(max(abs(q) for q in orders)):
+        a, b = powers[-1]
+        powers.append((a * x - b * y, a * y + b * x))
+    root = float(np.sqrt(2))
+    return [powers[abs(q)][int(q < 0)] * (root if q else 1.0) for q in orders]
+
+
+CoefficientViews = HarmonicViews | ZonalViews  # of BRDF coefficients
+ViewBasis = CoefficientViews | AdaptedViews
 
 
 def _about_z(maps: jax.Array, phi: jax.Array, q: np.ndarray) -> jax.Array:

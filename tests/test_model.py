@@ -164,7 +164,10 @@ def test_a_sun_is_split_off_and_nothing_else(rng):
     envmap, axis = sun_panorama(128)
     lights, rest = split_lights(envmap)
     assert len(lights.heights) == 1
-    assert np.degrees(np.arccos(np.clip(lights.directions[0] @ axis, -1, 1))) < 0.3
+    assert (
+        np.degrees(np.arccos(np.clip(np.asarray(lights.directions)[0] @ axis, -1, 1)))
+        < 0.3
+    )
     assert np.degrees(lights.angles[0]) == pytest.approx(2.5, abs=0.6)
     np.testing.assert_allclose(
         lights.radiance[0] / lights.radiance[0, 0], [1, 0.8, 0.5], rtol=0.01

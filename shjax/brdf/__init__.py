@@ -13,6 +13,7 @@ from shjax.brdf.files import read_cornell as read_cornell
 from shjax.brdf.files import read_curet as read_curet
 from shjax.brdf.files import read_merl as read_merl
 from shjax.brdf.ggx import ggx as ggx
+from shjax.brdf.ggx import metallic_roughness as metallic_roughness
 from shjax.brdf.measured import from_samples as from_samples
 from shjax.brdf.measured import from_table as from_table
 from shjax.brdf.models import gaussian_microfacet as gaussian_microfacet

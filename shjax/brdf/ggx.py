@@ -9,6 +9,7 @@ References:
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,20 +24,29 @@ from shjax.brdf.core import (
     check_range,
     make_brdf,
 )
-from shjax.brdf.models import half_vector
+from shjax.brdf.models import half_vector, lambertian
 from shjax.brdf.quadrature import outgoing_flux
 
 _TERMS = 16  # Chebyshev coefficients of the directional albedo
 _NODES = (64, 32)  # of its integral, in each piece of theta_i and in phi
 
 
-def distribution_masking(alpha: jax.Array, light: Local, view: Local) -> jax.Array:
+class Half(NamedTuple):
+    """``|h_xy|^2``, ``h_z`` and ``|h|^2`` of ``h = l + v``, not normalised."""
+
+    across: jax.Array
+    z: jax.Array
+    squared: jax.Array
+
+
+def distribution_masking(
+    alpha: jax.Array, light_z: jax.Array, view_z: jax.Array, half: Half
+) -> jax.Array:
     """``D G2 / (4 n.l n.v)`` with height-correlated masking [H14, Eq. 99]; n.l, n.v > 0."""
-    across, z, squared = half_vector(light, view)
-    slope = alpha * alpha * z * z + across
-    tiny = jnp.asarray(jnp.finfo(z.dtype).tiny, z.dtype)
-    density = (alpha * squared / jnp.maximum(slope, tiny)) ** 2 / math.pi
-    shadow = light.z * _masking(alpha, view.z) + view.z * _masking(alpha, light.z)
+    slope = alpha * alpha * half.z * half.z + half.across
+    tiny = jnp.asarray(jnp.finfo(half.z.dtype).tiny, half.z.dtype)
+    density = (alpha * half.squared / jnp.maximum(slope, tiny)) ** 2 / math.pi
+    shadow = light_z * _masking(alpha, view_z) + view_z * _masking(alpha, light_z)
     return density / (2 * jnp.maximum(shadow, tiny))
 
 
@@ -44,21 +54,21 @@ def _masking(alpha: jax.Array, cosine: jax.Array) -> jax.Array:
     return jnp.sqrt(alpha * alpha + (1 - alpha * alpha) * cosine * cosine)
 
 
-def schlick(light: Local, view: Local) -> jax.Array:
+def schlick(half: Half) -> jax.Array:
     """``(1 - v.h)^5``: Schlick's Fresnel term is ``f0 + (1 - f0)`` times it."""
-    _, _, squared = half_vector(light, view)
-    nonzero = squared > 0
-    half = jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, squared, 1)), 0) / 2  # v.h
-    return jnp.maximum(1 - half, 0) ** 5
+    nonzero = half.squared > 0
+    root = jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, half.squared, 1)), 0)
+    return jnp.maximum(1 - root / 2, 0) ** 5  # v.h is half of |l + v|
 
 
 def _single(parameters: Parameters, light: Local, view: Local) -> jax.Array:
     f0 = parameters["f0"]
     above = (light.z > 0) & (view.z > 0)
     light, view = (Local(d.x, d.y, jnp.where(above, d.z, 1)) for d in (light, view))
-    fresnel = f0 + (1 - f0) * schlick(light, view)
-    lobe = distribution_masking(parameters["alpha"], light, view) * fresnel * light.z
-    return jnp.where(above, lobe, 0)
+    half = Half(*half_vector(light, view))
+    fresnel = f0 + (1 - f0) * schlick(half)
+    lobe = distribution_masking(parameters["alpha"], light.z, view.z, half)
+    return jnp.where(above, lobe * fresnel * light.z, 0)
 
 
 def _compensated(parameters: Parameters, light: Local, view: Local) -> jax.Array:
@@ -131,3 +141,34 @@ def albedo_at(terms: jax.Array, alpha: jax.Array, cosine: jax.Array) -> jax.Arra
     for k in range(_TERMS - 1, 0, -1):  # Clenshaw
         last, before = terms[k] + 2 * x * last - before, last
     return terms[0] + x * last - before
+
+
+def metallic_roughness(albedo, roughness, metallic=0.0, f0=0.04) -> Brdf:
+    """GlTF's metallic-roughness model: a matte part and GGX, its lost energy given back.
+
+    ``albedo (1 - metallic) / pi``, and GGX with ``alpha = roughness^2`` and reflectance
+    ``f0 (1 - metallic) + albedo metallic`` at normal incidence [glTF 2.0, appendix B],
+    with multiple scattering. The two are added: what the upper layer reflects is not
+    taken from the lower one.
+
+    Args:
+        albedo: Base colour in [0, 1]; a number or one a channel.
+        roughness: A number in (0, 1].
+        metallic: A number in [0, 1].
+        f0: Reflectance of the dielectric in [0, 1]; a number or one a channel.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+    check_range("albedo", albedo, 0, 1)
+    check_range("roughness", roughness, 0, 1, open_low=True)
+    check_range("metallic", metallic, 0, 1)
+    check_range("f0", f0, 0, 1)
+    dtype = jnp.result_type(float)
+    albedo, f0 = jnp.broadcast_arrays(
+        *(jnp.atleast_1d(jnp.asarray(a, dtype)) for a in (albedo, f0))
+    )
+    roughness, metallic = (jnp.asarray(a, dtype) for a in (roughness, metallic))
+    specular = f0 * (1 - metallic) + albedo * metallic
+    glossy = make_brdf(GGX_MULTISCATTER, alpha=roughness**2, f0=specular)
+    return lambertian(albedo * (1 - metallic)) + glossy

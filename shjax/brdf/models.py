@@ -16,6 +16,7 @@ References:
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -52,7 +53,7 @@ def _lambertian_gains(parameters: Parameters, l_max: int) -> jax.Array:
 LAMBERTIAN = Model("lambertian", _lambertian, "normal", radial=_lambertian_gains)
 
 
-def lambertian(albedo=1.0) -> Brdf:
+def lambertian(albedo: Any = 1.0) -> Brdf:
     """A matte surface: ``albedo / pi`` times the cosine, radial about the normal.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from shjax.brdf.core import Brdf
 from shjax.brdf.files import read_cornell, read_curet, read_merl
-from shjax.brdf.ggx import ggx
+from shjax.brdf.ggx import ggx, metallic_roughness
 from shjax.brdf.models import (
     gaussian_microfacet,
     kajiya_kay,
@@ -30,6 +30,7 @@ MODELS: dict[str, Callable[..., Brdf]] = {
     "phong_cosine": phong_cosine,
     "gaussian_microfacet": gaussian_microfacet,
     "ggx": ggx,
+    "metallic_roughness": metallic_roughness,
     "lafortune": lafortune,
     "kajiya_kay": kajiya_kay,
     "merl": read_merl,

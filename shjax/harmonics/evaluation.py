@@ -186,7 +186,8 @@ def _scanned_basis(points: jax.Array, l_max: int) -> jax.Array:
     start, step = _recurrence(points, l_max)
     tables = legendre.scan_steps(l_max, points.dtype)
     _, values = jax.lax.scan(step, start, tables)  # [l, m, s, n]
-    return jnp.take(values.reshape(-1, points.shape[0]), slots, axis=0).T
+    rows = math.prod(values.shape[:3])
+    return jnp.take(values.reshape(rows, points.shape[0]), slots, axis=0).T
 
 
 def _recurrence(points: jax.Array, l_max: int):

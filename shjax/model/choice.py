@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from shjax.adapted import RANKS, adapt, check_maps
+from shjax.adapted.ranks import within
 from shjax.arrays import Array
 from shjax.brdf.core import Brdf
 from shjax.convolution import common_channels, convolve
@@ -20,8 +22,8 @@ from shjax.harmonics.degrees import degree_of_coefs
 from shjax.kernels import brdf_coefs, order_counts, radial_coefs
 from shjax.lights import CapLights
 from shjax.model.known import Energies, Light, brdf_energies, prepare_light, split_parts
-from shjax.model.representation import KINDS, Model, basis_of
-from shjax.shrm import default_size, prefilter_in
+from shjax.model.representation import KINDS, Model, coefficient_views
+from shjax.shrm import default_size, prefilter_in, prefilter_kernels
 
 _DIFFUSE_DEGREES = (0, 2, 4, 6, 8, 12, 16, 24, 32)
 _VIEW_DEGREES = (16, 32)
@@ -143,7 +145,9 @@ def _cheapest(
             continue
         for kind, lost in _lost(weight, known, d).items():
             error = np.sqrt(np.maximum(lost, 0) / (whole or 1.0))
-            size = own + _map_bytes(kind, error.shape[0], error.shape[1], item)
+            size = own + _map_bytes(kind, error.shape, item)
+            if kind == "adapted":
+                size = size + _table_bytes(known)
             found += _best_of(kind, error, size, rms_error, max_bytes, order)
     found = [one for one in found if one.bytes <= max_bytes]
     if not found:
@@ -152,11 +156,21 @@ def _cheapest(
     return min(enough) if enough else min(found, key=lambda one: (one.error, one.bytes))
 
 
-def _map_bytes(kind: str, degrees: int, views: int, item: int) -> np.ndarray:
+def _map_bytes(kind: str, shape: tuple[int, ...], item: int) -> np.ndarray:
     """Bytes of the map of each ``(F, P)``; ``item`` those of one pixel's coefficient."""
-    pixels = [math.prod(default_size(f)) for f in range(degrees)]
-    counts = [len(basis_of(kind, p).orders) for p in range(views)]
+    pixels = [math.prod(default_size(f)) for f in range(shape[0])]
+    counts = list(RANKS)
+    if kind != "adapted":
+        counts = [len(coefficient_views(kind, p).orders) for p in range(shape[1])]
     return np.outer(pixels, counts) * item
+
+
+def _table_bytes(known: Energies) -> np.ndarray:
+    """Bytes of the functions of the view of each adapted set, ``(sets,)``."""
+    assert known.adapted is not None
+    table = known.adapted.views.table
+    line = table.nbytes // table.shape[0]
+    return np.array([sum(ranks) * line for ranks in RANKS.values()])
 
 
 def _best_of(
@@ -174,7 +188,7 @@ def _best_of(
         if np.any(allowed):
             place = np.argmin(np.where(allowed, cost, np.inf))
             f, p = (int(k) for k in np.unravel_index(place, error.shape))
-            name = "radial" if p == 0 else kind
+            name = "radial" if p == 0 and kind != "adapted" else kind
             chosen.append(
                 _Candidate(
                     int(size[f, p]), KINDS.index(name), float(error[f, p]), name, f, p,
@@ -211,6 +225,15 @@ def _lost(weight: np.ndarray, known: Energies, d: int) -> dict[str, np.ndarray]:
         gain = squares + np.where(beyond[:, None], 2 * crossed, 0)
         kept = np.cumsum(np.einsum("lc,lpc->lp", weight, gain), axis=0)
         lost[kind] = np.sum(weight * dropped) - kept
+    if known.adapted is not None:
+        own, crossed = (
+            np.asarray(a, np.float64)[:count]
+            for a in (known.adapted.kernels, known.adapted_cross)
+        )
+        gain = own**2 + np.where(beyond[:, None], 2 * crossed, 0)
+        each = np.cumsum(np.einsum("lc,lkc->lk", weight, gain), axis=0)
+        sets = np.stack([within(maps) for maps in RANKS], axis=1)
+        lost["adapted"] = np.sum(weight * dropped) - each @ sets
     return lost
 
 
@@ -229,14 +252,30 @@ def _built(
         d = chosen.diffuse_l_max
         gains = radial_coefs(matte, l_max=d).astype(coefs.dtype)
         diffuse = convolve(coefs[: (d + 1) ** 2], gains)
+    p_max, views = chosen.p_max, None
     if rest is not None:
-        f, p = chosen.l_max, chosen.p_max
-        rho = brdf_coefs(rest, l_max=f, p_max=p, accuracy=1e-4).astype(coefs.dtype)
+        f = chosen.l_max
         rows, columns = default_size(f)
-        views = basis_of(chosen.kind, p)
         light = coefs[: (f + 1) ** 2]
-        maps = prefilter_in(views, light, rho, n_theta=rows, n_phi=columns)
+        if chosen.kind == "adapted":
+            maps_count = list(RANKS)[chosen.p_max]
+            own = adapt(rest, maps=maps_count, l_max=degree_of_coefs(coefs.shape))
+            views, p_max = own.views, len(check_maps(maps_count)) - 1
+            kernels = own.kernels[: f + 1].astype(coefs.dtype)
+            shape = (*kernels.shape[:2], coefs.shape[-1])
+            maps = prefilter_kernels(
+                light,
+                jnp.broadcast_to(kernels, shape),
+                views.orders,
+                n_theta=rows,
+                n_phi=columns,
+            )
+        else:
+            rho = brdf_coefs(rest, l_max=f, p_max=p_max, accuracy=1e-4)
+            rho = rho.astype(coefs.dtype)
+            basis = coefficient_views(chosen.kind, p_max)
+            maps = prefilter_in(basis, light, rho, n_theta=rows, n_phi=columns)
     return Model(
-        brdf, lighting, diffuse, maps, lights, chosen.kind, chosen.l_max, chosen.p_max,
+        brdf, lighting, diffuse, maps, views, lights, chosen.kind, chosen.l_max, p_max,
         chosen.diffuse_l_max, rms_error, chosen.error, chosen.error <= rms_error,
     )  # fmt: skip

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from shjax.adapted import RANKS, Adapted, adapt, project
 from shjax.arrays import Array, as_float
 from shjax.brdf.core import Brdf
 from shjax.envmap import EnvironmentMap
@@ -42,6 +43,8 @@ class Energies(NamedTuple):
         both: Energy of their sum, ``(L, C)``.
         rho: Coefficients of the rest, ``(L, P, P, C)``.
         cross: Their products with the diffuse part's, ``(L, P, P, C)``.
+        adapted: The rest in its own view basis, of the most maps; or None.
+        adapted_cross: Its products with the diffuse part's, ``(L, maps, C)``.
         error: Relative error of the quadrature.
     """
 
@@ -50,6 +53,8 @@ class Energies(NamedTuple):
     both: np.ndarray
     rho: np.ndarray
     cross: np.ndarray
+    adapted: Adapted | None
+    adapted_cross: np.ndarray
     error: float
 
 
@@ -96,6 +101,7 @@ def brdf_energies(
     matte, rest = split_parts(brdf)
     shape = (l_max + 1, p_max + 1, p_max + 1, brdf.channels)
     zero, flat = np.zeros(shape), np.zeros((l_max + 1, brdf.channels))
+    none = np.zeros((l_max + 1, 0, brdf.channels))
     diffuse, about_r, error = flat, zero, 0.0
     if matte is not None:
         l = np.arange(l_max + 1)[:, None]
@@ -103,7 +109,7 @@ def brdf_energies(
         diffuse = np.broadcast_to((2 * l + 1) * gains**2, flat.shape)
         about_r = np.asarray(brdf_coefs(matte, l_max=l_max, p_max=p_max), np.float64)
     if rest is None:
-        return Energies(diffuse, flat, diffuse, zero, zero, error)
+        return Energies(diffuse, flat, diffuse, zero, zero, None, none, error)
     sharp = expand_brdf(rest, l_max=l_max, p_max=p_max, accuracy=1e-4)
     rho = np.broadcast_to(np.asarray(sharp.rho, np.float64), shape)
     specular = np.broadcast_to(np.asarray(sharp.degree_energy, np.float64), flat.shape)
@@ -111,7 +117,13 @@ def brdf_energies(
     if matte is not None:
         whole = expand_brdf(brdf, l_max=l_max, p_max=p_max, accuracy=1e-4)
         both = np.asarray(whole.degree_energy, np.float64)
-    return Energies(diffuse, specular, both, rho, about_r * rho, float(sharp.error))
+    own = adapt(rest, maps=max(RANKS), l_max=l_max)
+    held = np.asarray(own.kernels, np.float64)
+    crossed = np.zeros_like(held) if matte is None else held * project(own, matte)
+    error = float(sharp.error)
+    return Energies(
+        diffuse, specular, both, rho, about_r * rho, own, crossed, error
+    )  # fmt: skip
 
 
 def split_parts(brdf: Brdf) -> tuple[Brdf | None, Brdf | None]:

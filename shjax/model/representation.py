@@ -19,15 +19,21 @@ from shjax.lights import CapLights, cap_reflection
 from shjax.sampling import MeasuredError, draw_orientations, measured_error
 from shjax.shrm import read_in
 from shjax.sphere import mirror
-from shjax.view_basis import HarmonicViews, ViewBasis, ZonalViews
+from shjax.view_basis import (
+    AdaptedViews,
+    CoefficientViews,
+    HarmonicViews,
+    ViewBasis,
+    ZonalViews,
+)
 
-KINDS = ("irradiance", "radial", "q=0", "shrm")
+KINDS = ("irradiance", "radial", "q=0", "shrm", "adapted")
 _CHECK_ROWS = 128
 
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("brdf", "lighting", "diffuse", "maps", "lights"),
+    data_fields=("brdf", "lighting", "diffuse", "maps", "views", "lights"),
     meta_fields=(
         "kind",
         "l_max",
@@ -47,10 +53,11 @@ class Model:
         lighting: The light's coefficients ``(K, C)``, all that are known.
         diffuse: Coefficients over the normal, ``(K, C)``; None without a diffuse part.
         maps: Map over R, ``(n_theta, n_phi, Q, C)``; None without a specular part.
+        views: The functions of the view that read an adapted map; None for others.
         lights: Small lights that are shaded exactly, and are in neither; or None.
         kind: One of :data:`KINDS`.
         l_max: Degree of the light in the map, or over the normal for ``"irradiance"``.
-        p_max: Degree of the view in the map.
+        p_max: Degree of the view in the map; an adapted one's highest azimuthal order.
         diffuse_l_max: Degree of the diffuse part; None without one.
         asked_rms_error: What was asked for.
         predicted_rms_error: Over all orientations and views.
@@ -61,6 +68,7 @@ class Model:
     lighting: Float[Array, "K C"]
     diffuse: Float[Array, "J C"] | None
     maps: Float[Array, "n_theta n_phi Q C"] | None
+    views: AdaptedViews | None
     lights: CapLights | None
     kind: str
     l_max: int
@@ -73,7 +81,8 @@ class Model:
     @property
     def bytes(self) -> int:
         """What it takes to store."""
-        arrays = (self.diffuse, self.maps, *jax.tree.leaves(self.lights))
+        extra = jax.tree.leaves((self.views, self.lights))
+        arrays = (self.diffuse, self.maps, *extra)
         return sum(a.nbytes for a in arrays if a is not None)
 
     @property
@@ -89,7 +98,7 @@ class Model:
     @property
     def view_basis(self) -> ViewBasis:
         """The functions of the view that its maps are coefficients of."""
-        return basis_of(self.kind, self.p_max)
+        return self.views or coefficient_views(self.kind, self.p_max)
 
     @property
     def message(self) -> str:
@@ -103,9 +112,10 @@ class Model:
                 "radial": "a radial map",
                 "q=0": f"a map without azimuth, {count} coefficients a pixel",
                 "shrm": f"an SHRM, {count} coefficients a pixel",
+                "adapted": f"an adapted map, {count} coefficients a pixel",
             }
             what = f"{names[self.kind]}, {rows} x {columns}, F = {self.l_max}"
-            what += f", P = {self.p_max}" if self.kind != "radial" else ""
+            what += f", P = {self.p_max}" if self.kind in ("q=0", "shrm") else ""
             if self.diffuse_l_max is not None:
                 what += f", and {(self.diffuse_l_max + 1) ** 2} for the diffuse part"
         if self.lights is not None:
@@ -199,6 +209,6 @@ def _size(count: int) -> str:
     return f"{count} bytes"
 
 
-def basis_of(kind: str, p_max: int) -> ViewBasis:
-    """The view basis of a kind of map."""
+def coefficient_views(kind: str, p_max: int) -> CoefficientViews:
+    """The view basis of a kind of map that holds BRDF coefficients."""
     return HarmonicViews(p_max) if kind == "shrm" else ZonalViews(p_max)

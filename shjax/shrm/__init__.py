@@ -21,6 +21,7 @@ from shjax.shrm.prefiltering import default_size as default_size
 from shjax.shrm.prefiltering import prefilter as prefilter
 from shjax.shrm.prefiltering import prefilter_cube as prefilter_cube
 from shjax.shrm.prefiltering import prefilter_in as prefilter_in
+from shjax.shrm.prefiltering import prefilter_kernels as prefilter_kernels
 from shjax.shrm.reading import in_spherical_frame as in_spherical_frame
 from shjax.shrm.reading import radiance as radiance
 from shjax.shrm.reading import read_in as read_in

@@ -25,7 +25,7 @@ from shjax.sphere import (
     latlong_phi,
     latlong_theta,
 )
-from shjax.view_basis import HarmonicViews, ViewBasis
+from shjax.view_basis import CoefficientViews, HarmonicViews
 
 FRAMES = ("local", "global")
 _POINTS_AT_ONCE = 2048
@@ -140,9 +140,15 @@ def check_frame(frame: str) -> None:
         raise ValueError(f"frame must be one of {', '.join(FRAMES)}; got {frame!r}.")
 
 
-@functools.partial(jax.jit, static_argnames=("views", "n_theta", "n_phi", "frame"))
+@functools.partial(jax.jit, static_argnames=("n_theta", "n_phi", "frame"))
 def prefilter_in(
-    views: ViewBasis, lighting, rho, *, n_theta: int, n_phi: int, frame: str = "local"
+    views: CoefficientViews,
+    lighting,
+    rho,
+    *,
+    n_theta: int,
+    n_phi: int,
+    frame: str = "local",
 ) -> jax.Array:
     """:func:`prefilter` in a view basis of one's own; arguments are not checked."""
     theta, phi = latlong_theta(n_theta), latlong_phi(n_phi)
@@ -156,6 +162,29 @@ def prefilter_in(
         return views.to_world(maps, jnp.asarray(theta, maps.dtype), azimuth)
 
     return _over_batch(one, views, lighting, rho)
+
+
+@functools.partial(jax.jit, static_argnames=("orders", "n_theta", "n_phi"))
+def prefilter_kernels(
+    lighting: Float[Array, "K C"],
+    kernels: Float[Array, "L Q C"],
+    orders: tuple[int, ...],
+    *,
+    n_theta: int,
+    n_phi: int,
+) -> Float[jax.Array, "n_theta n_phi Q C"]:
+    """Maps of kernels of one's own (:func:`shjax.adapt`), on a lat-long grid.
+
+    Args:
+        lighting: Radiance coefficients to the kernels' degree, of their channels.
+        kernels: One over the light's degree for each map.
+        orders: Signed azimuthal order of each map. Static.
+        n_theta: Rows. Static.
+        n_phi: Columns. Static.
+    """
+    return maps_on_grid(
+        lighting, kernels, orders, latlong_theta(n_theta), latlong_phi(n_phi)
+    )
 
 
 @functools.partial(jax.jit, static_argnames=("size", "frame"))
@@ -178,7 +207,7 @@ def _angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
 
 
-def _over_batch(one: Callable, views: ViewBasis, lighting, rho) -> jax.Array:
+def _over_batch(one: Callable, views: CoefficientViews, lighting, rho) -> jax.Array:
     """Each light and BRDF in turn; a loop holds one map's temporaries at a time."""
     l_max = _degree(lighting, rho)
     channels = common_channels(lighting.shape[-1], rho.shape[-1], "rho")

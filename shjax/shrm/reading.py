@@ -71,7 +71,7 @@ def radiance(
     )
 
 
-@functools.partial(jax.jit, static_argnames=("basis", "frame", "interpolation"))
+@functools.partial(jax.jit, static_argnames=("frame", "interpolation"))
 def read_in(
     basis: ViewBasis,
     maps,

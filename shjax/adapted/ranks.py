@@ -1,0 +1,73 @@
+"""How many functions each azimuthal order gets, and how they make maps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Functions of the view in each order q = 0, 1, ...; those of q > 0 make two maps.
+RANKS = {4: (2, 1), 9: (3, 2, 1), 16: (4, 3, 2, 1), 21: (5, 4, 2, 1, 1)}
+
+
+def check_maps(maps: int) -> tuple[int, ...]:
+    """The ranks of a number of maps.
+
+    Raises:
+        ValueError: If there is no such set.
+    """
+    if maps not in RANKS:
+        choices = ", ".join(map(str, RANKS))
+        raise ValueError(f"maps must be one of {choices}; got {maps!r}.")
+    return RANKS[maps]
+
+
+def orders_of(ranks: tuple[int, ...]) -> tuple[int, ...]:
+    """Azimuthal order of each function.
+
+    >>> orders_of((3, 2, 1))
+    (0, 0, 0, 1, 1, 2)
+    """
+    return tuple(q for q, count in enumerate(ranks) for _ in range(count))
+
+
+def signed_functions(ranks: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """For each map, its function and its signed order: cosine, then sine, of each pair.
+
+    >>> signed_functions((2, 1))
+    ((0, 1, 2, 2), (0, 0, 1, -1))
+    """
+    functions, signed = [], []
+    for j, q in enumerate(orders_of(ranks)):
+        for sign in (1, -1) if q else (1,):
+            functions.append(j)
+            signed.append(sign * q)
+    return tuple(functions), tuple(signed)
+
+
+def within(maps: int, larger: int = 21) -> np.ndarray:
+    """Which maps of a larger set make a smaller one, ``(larger,)`` bool.
+
+    Args:
+        maps: Of the smaller set.
+        larger: Of the larger one.
+    """
+    small, large = check_maps(maps), check_maps(larger)
+    held = [
+        q < len(small) and k < small[q]
+        for q, rank in enumerate(large)
+        for k in range(rank)
+    ]
+    return np.array(held)[list(signed_functions(large)[0])]
+
+
+def prior(l_max: int) -> np.ndarray:
+    """Mean square of a light's coefficients by degree, ``1 / l^2``: ``(l_max + 1,)``.
+
+    That of panoramas whose small bright lights are taken out.
+    """
+    return 1 / np.maximum(np.arange(l_max + 1), 1.0) ** 2
+
+
+def positive_triangle(columns: np.ndarray) -> np.ndarray:
+    """Upper triangular R with ``columns = Q R``, Q orthonormal, R's diagonal positive."""
+    triangle = np.linalg.qr(columns, mode="r")
+    return triangle * np.where(np.diag(triangle) < 0, -1.0, 1.0)[:, None]

@@ -1,0 +1,178 @@
+"""A view basis fitted to one BRDF, any that can be expanded."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from shjax.adapted.ranks import check_maps, prior, signed_functions
+from shjax.arrays import Array
+from shjax.brdf.core import Brdf
+from shjax.brdf.quadrature import Resolution, moments_at, view_nodes
+from shjax.view_basis import AdaptedViews, view_lines
+
+_VIEWS = 96
+_RESOLUTION = Resolution(112, 56, _VIEWS)
+_HIGHEST_ORDER = 32  # of the azimuth in the energies
+_UNIFORM = 1e4  # weight of degree 0 over the prior's: uniform light is met
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("kernels", "views", "energy", "tests"),
+    meta_fields=(),
+)
+@dataclasses.dataclass(frozen=True)
+class Adapted:
+    """A BRDF as a few products of a profile over the light and a function of the view.
+
+    Attributes:
+        kernels: Profile of each map, ``(l_max + 1, maps, C)``.
+        views: The functions that read the maps.
+        energy: All that the BRDF holds of each degree, ``(l_max + 1, C)``.
+        tests: The functions of each order at the nodes of the fit, orthonormal.
+    """
+
+    kernels: Float[Array, "L maps C"]
+    views: AdaptedViews
+    energy: Float[Array, "L C"]
+    tests: tuple[Float[Array, "k O"], ...]
+
+    @property
+    def lost(self) -> Float[jax.Array, "L C"]:
+        """What the products do not hold of the energy of each degree."""
+        return jnp.maximum(self.energy - jnp.sum(self.kernels**2, axis=1), 0)
+
+
+def adapt(brdf: Brdf, *, maps: int = 9, l_max: int = 128) -> Adapted:
+    """Fit a view basis to a BRDF: the best one of so many maps.
+
+    In each azimuthal order the singular vectors of ``G_lq(theta_o)``, all channels
+    together, degrees weighted by a ``1 / l^2`` light; uniform light is met.
+
+    Args:
+        brdf: The reflectance; concrete, all parts about one centre.
+        maps: 4, 9, 16 or 21.
+        l_max: Highest degree of the light.
+
+    Returns:
+        Profiles to filter a light with (:func:`shjax.shrm.prefilter_in`), and the basis
+        in which to read the maps (:func:`shjax.shrm.read_in`).
+
+    Raises:
+        ValueError: If there is no set of so many maps, or parts about the tangent are
+            mixed with others.
+    """
+    ranks = check_maps(maps)
+    lines = view_lines()
+    angles = np.concatenate([view_nodes(_VIEWS)[0], lines])
+    kernels = view_kernels(brdf, tuple(angles.tolist()), l_max, _HIGHEST_ORDER)
+    at_nodes, at_lines = kernels[:_VIEWS], kernels[_VIEWS:]
+    weights = _solid_angles()
+    times = np.where(np.arange(_HIGHEST_ORDER + 1) == 0, 1, 2)
+    energy = np.einsum("olqc,o,q->lc", at_nodes**2, weights, times)
+    tests = [
+        leading_functions(at_nodes[:, :, q], weights, rank, q == 0)
+        for q, rank in enumerate(ranks)
+    ]
+    profiles = [_profiles(at_nodes[:, :, q], test) for q, test in enumerate(tests)]
+    table = [
+        _at_lines(at_lines[:, :, q], profile, q == 0) / np.sin(lines / 2) ** q
+        for q, profile in enumerate(profiles)
+    ]
+    functions, signed = signed_functions(ranks)
+    dtype = brdf.parts[0].weight.dtype
+    kernels = np.concatenate(profiles, axis=1)[:, functions]
+    views = AdaptedViews(jnp.asarray(np.concatenate(table), dtype), functions, signed)
+    return Adapted(
+        jnp.asarray(kernels, dtype),
+        views,
+        jnp.asarray(energy, dtype),
+        tuple(jnp.asarray(test, dtype) for test in tests),
+    )
+
+
+def project(adapted: Adapted, brdf: Brdf) -> np.ndarray:
+    """What another BRDF holds of the functions that one was fitted by, ``(L, maps, C)``.
+
+    Args:
+        adapted: The fit.
+        brdf: About the same centre or the normal.
+    """
+    angles = tuple(view_nodes(_VIEWS)[0].tolist())
+    l_max, q_max = adapted.kernels.shape[0] - 1, len(adapted.tests) - 1
+    kernels = view_kernels(brdf, angles, l_max, q_max)
+    profiles = [
+        _profiles(kernels[:, :, q], np.asarray(test, np.float64))
+        for q, test in enumerate(adapted.tests)
+    ]
+    return np.concatenate(profiles, axis=1)[:, adapted.views.functions]
+
+
+def _solid_angles() -> np.ndarray:
+    """Of the rings of views about R at the nodes, ``(O,)``: they sum to 4 pi."""
+    return 2 * np.pi * view_nodes(_VIEWS)[1]
+
+
+def _profiles(kernel: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """``(O, L, C)`` on functions ``(k, O)``: ``(L, k, C)``."""
+    return np.einsum("olc,ko,o->lkc", kernel, test, _solid_angles())
+
+
+def _at_lines(kernel: np.ndarray, profile: np.ndarray, uniform: bool) -> np.ndarray:
+    """The functions at other views: what the kernels there project on, ``(k, lines)``."""
+    scale, rank = _importance(profile.shape[0] - 1, uniform), profile.shape[1]
+    gram = np.einsum("lkc,lnc,l->kn", profile, profile, scale)
+    right = np.einsum("lkc,olc,l->ko", profile, kernel, scale)
+    least = 1e-12 * np.trace(gram) / rank + 1e-300  # a BRDF may lack an order
+    return np.linalg.solve(gram + least * np.eye(rank), right)
+
+
+def leading_functions(
+    kernel: np.ndarray, weights: np.ndarray, rank: int, uniform: bool
+) -> np.ndarray:
+    """Orthonormal functions of the view that hold most of a kernel, ``(rank, O)``.
+
+    Args:
+        kernel: ``(O, L, C)``.
+        weights: Of the integral over theta_o, ``(O,)``.
+        rank: How many.
+        uniform: Whether degree 0 is to be met.
+    """
+    count, degrees, _ = kernel.shape
+    root = np.sqrt(weights)
+    rows = kernel * np.sqrt(_importance(degrees - 1, uniform))[:, None]
+    rows = (rows * root[:, None, None]).reshape(count, -1)
+    vectors = np.linalg.svd(rows @ rows.T)[0][:, :rank]
+    return vectors.T / root
+
+
+def _importance(l_max: int, uniform: bool) -> np.ndarray:
+    weight = prior(l_max)
+    return weight * np.where(np.arange(l_max + 1) == 0, _UNIFORM if uniform else 1, 1)
+
+
+def view_kernels(
+    brdf: Brdf, theta_o: tuple[float, ...], l_max: int, q_max: int
+) -> np.ndarray:
+    """``G_lq(theta_o)`` at views of one's own, ``(O, L, Q, C)``, float64.
+
+    Args:
+        brdf: The reflectance.
+        theta_o: Polar angles about the centre.
+        l_max: Highest degree.
+        q_max: Highest azimuthal order.
+    """
+    values = _view_kernels(brdf, theta_o=theta_o, l_max=l_max, q_max=q_max)
+    return np.asarray(values, np.float64)
+
+
+@functools.partial(jax.jit, static_argnames=("theta_o", "l_max", "q_max"))
+def _view_kernels(brdf: Brdf, *, theta_o, l_max: int, q_max: int) -> jax.Array:
+    dtype = brdf.parts[0].weight.dtype
+    return moments_at(brdf, theta_o, _RESOLUTION, l_max, q_max, dtype).values

@@ -1,0 +1,215 @@
+"""Making a prefiltered light from a panorama or from coefficients."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from shjax.adapted import check_maps, family
+from shjax.adapted.ggx import DEGREES, LEVELS
+from shjax.arrays import Array, as_float
+from shjax.envmap import EnvironmentMap
+from shjax.harmonics import power_spectrum
+from shjax.harmonics.degrees import degree_of_coefs
+from shjax.harmonics.orientations import maps_on_grid
+from shjax.irradiance import irradiance_coefs
+from shjax.lights import CapLights, cap_coefs, split_lights
+from shjax.sphere import latlong_phi, latlong_theta
+
+
+def level_shape(level: int) -> tuple[int, int]:
+    """Rows and columns of a level: four columns to the shortest wave, read linearly."""
+    return 2 * (DEGREES[level] + 1), 4 * (DEGREES[level] + 1)
+
+
+def level_starts() -> list[int]:
+    """Where each level begins among the texels, and at last their number."""
+    starts = [0]
+    for level in range(LEVELS):
+        starts.append(starts[-1] + math.prod(level_shape(level)))
+    return starts
+
+
+class Spectra(NamedTuple):
+    """Power spectra of a light and of what is made of it, each ``(..., L, C)``.
+
+    Attributes:
+        whole: Of the light.
+        rest: Of what the maps are made from, the small lights taken out.
+        missed: Of what the caps are not of the small lights: pixels are no discs.
+        cross: Of rest and missed together.
+    """
+
+    whole: jax.Array
+    rest: jax.Array
+    missed: jax.Array
+    cross: jax.Array
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("texels", "irradiance", "lights", "spectra"),
+    meta_fields=(),
+)
+@dataclasses.dataclass(frozen=True)
+class PrefilteredLight:
+    """A light, ready to shade any material (:func:`shjax.shade`).
+
+    A pytree. Axes in front are several lights; each shades every point.
+
+    Attributes:
+        texels: The maps of all levels, one level after the other, ``(..., maps, T, C)``.
+        irradiance: Irradiance coefficients of the rest, ``(..., 9, C)``.
+        lights: Small lights that are in neither.
+        spectra: Power spectra, from which errors are predicted.
+    """
+
+    texels: Float[Array, "*lights Q T C"]
+    irradiance: Float[Array, "*lights 9 C"]
+    lights: CapLights
+    spectra: Spectra
+
+    @property
+    def maps(self) -> int:
+        """How many maps a level has."""
+        return self.texels.shape[-3]
+
+    @property
+    def bytes(self) -> int:
+        """What the maps and coefficients take, in their own type."""
+        return self.texels.nbytes + self.irradiance.nbytes
+
+    def level(self, level: int) -> Float[jax.Array, "*lights n_theta n_phi Q C"]:
+        """The maps of one roughness, alpha = 2^-level, as images.
+
+        Args:
+            level: 0 (alpha 1) to 4 (alpha 1/16).
+
+        Raises:
+            IndexError: If there is no such level.
+        """
+        if not 0 <= level < LEVELS:
+            raise IndexError(f"level must lie in [0, {LEVELS - 1}]; got {level}.")
+        start, end = level_starts()[level : level + 2]
+        texels = jnp.asarray(self.texels)[..., start:end, :]
+        texels = jnp.moveaxis(texels, -3, -2)
+        *lights, _, maps, channels = texels.shape
+        return texels.reshape(*lights, *level_shape(level), maps, channels)
+
+
+def prefilter_light(
+    envmap_or_lighting: EnvironmentMap | Float[Array, "*lights K C"],
+    *,
+    maps: int = 9,
+    max_lights: int = 4,
+) -> PrefilteredLight:
+    """Prefilter a light for every roughness and reflectance.
+
+    Jits and differentiates: in coefficients, or in the pixels of a lat-long panorama
+    (``make_envmap`` of a traced array), whose small lights then keep their places.
+
+    Args:
+        envmap_or_lighting: An environment map; or radiance coefficients, several lights
+            in front. What lies beyond degree 128 is not used.
+        maps: 4, 9, 16 or 21: few are small and fast, many are accurate. Static.
+        max_lights: At most so many small lights of a panorama are taken out and shaded
+            exactly (:func:`shjax.split_lights`). Coefficients have none. Static.
+
+    Returns:
+        The light; 41 MB in float32 at 9 maps and three channels, half of it as half.
+
+    Raises:
+        ValueError: If there is no set of so many maps, ``max_lights`` is negative, or a
+            shape is wrong.
+    """
+    check_maps(maps)
+    if max_lights < 0:
+        raise ValueError(f"max_lights must be >= 0; got {max_lights}.")
+    if not isinstance(envmap_or_lighting, EnvironmentMap):
+        coefs = as_float("envmap_or_lighting", envmap_or_lighting)
+        degree_of_coefs(coefs.shape, "envmap_or_lighting")
+        return _prefiltered(coefs, coefs, _no_lights(coefs), maps=maps)
+    envmap = envmap_or_lighting
+    whole = _coefs(envmap)
+    if envmap.layout != "latlong" or not max_lights:
+        return _prefiltered(whole, whole, _no_lights(whole), maps=maps)
+    lights, rest = split_lights(envmap, max_lights=max_lights)
+    return _prefiltered(whole, _coefs(rest), lights, maps=maps)
+
+
+def _coefs(envmap: EnvironmentMap) -> jax.Array:
+    """Coefficients to the highest degree of the maps.
+
+    A lat-long map of too few pixels for it is constant over each: what is constant stays
+    so, and a texel's light is where the texel is.
+    """
+    l_max = DEGREES[-1]
+    small = envmap.layout == "latlong" and min(envmap.radiance.shape[:2]) <= 2 * l_max
+    return envmap.lighting(l_max=l_max, quadrature="pixel" if small else "fejer")
+
+
+def _no_lights(coefs: jax.Array) -> CapLights:
+    front = coefs.shape[:-2]
+    return CapLights(
+        jnp.zeros((*front, 0, 3), coefs.dtype),
+        jnp.zeros((*front, 0), coefs.dtype),
+        jnp.zeros((*front, 0, coefs.shape[-1]), coefs.dtype),
+    )
+
+
+@functools.partial(jax.jit, static_argnames=("maps",))
+def _prefiltered(
+    whole: jax.Array, rest: jax.Array, lights: CapLights, *, maps: int
+) -> PrefilteredLight:
+    """From coefficients of all the light and of what the small lights leave."""
+    front, kept = whole.shape[:-2], (DEGREES[-1] + 1) ** 2
+    if front:
+        flat = jax.tree.map(
+            lambda a: a.reshape(-1, *a.shape[len(front) :]), (whole, rest, lights)
+        )
+        many = jax.lax.map(lambda one: _one_light(*one, maps), flat)
+        return jax.tree.map(lambda a: a.reshape(*front, *a.shape[1:]), many)
+    return _one_light(whole[:kept], rest[:kept], lights, maps)
+
+
+def _one_light(
+    whole: jax.Array, rest: jax.Array, lights: CapLights, maps: int
+) -> PrefilteredLight:
+    whole, rest = (a[: (DEGREES[-1] + 1) ** 2] for a in (whole, rest))
+    channels, fit = rest.shape[-1], family(maps)
+    held = degree_of_coefs(rest.shape)
+    texels = []
+    for level in range(LEVELS):
+        degree = min(DEGREES[level], held)
+        rows, columns = level_shape(level)
+        kernels = jnp.asarray(fit.kernels(level)[: degree + 1], rest.dtype)
+        found = maps_on_grid(
+            rest[: (degree + 1) ** 2],
+            jnp.broadcast_to(kernels[..., None], (*kernels.shape, channels)),
+            fit.orders,
+            latlong_theta(rows),
+            latlong_phi(columns),
+        )
+        texels.append(jnp.moveaxis(found, 2, 0).reshape(maps, -1, channels))
+    nine = jnp.pad(rest[:9], [(0, max(9 - rest.shape[0], 0)), (0, 0)])
+    return PrefilteredLight(
+        jnp.concatenate(texels, axis=1),
+        irradiance_coefs(nine),
+        lights,
+        _spectra(whole, rest, lights, held),
+    )
+
+
+def _spectra(
+    whole: jax.Array, rest: jax.Array, lights: CapLights, l_max: int
+) -> Spectra:
+    missed = whole - rest - cap_coefs(lights, l_max=l_max).astype(rest.dtype)
+    every, left, not_caps = (power_spectrum(a) for a in (whole, rest, missed))
+    cross = (power_spectrum(rest + missed) - left - not_caps) / 2
+    return Spectra(every, left, not_caps, cross)

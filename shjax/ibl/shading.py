@@ -1,0 +1,261 @@
+"""Shading points by a prefiltered light: roughness and reflectance per point."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from shjax.adapted import family
+from shjax.adapted.ggx import (
+    LEAST_ALPHA,
+    LEVELS,
+    Roughness,
+    locate,
+    multiple_scattering,
+    uniform_response,
+    view_functions,
+)
+from shjax.arrays import Array, as_float, check_vectors, in_blocks
+from shjax.brdf.ggx import Half, distribution_masking, schlick
+from shjax.harmonics import evaluate
+from shjax.ibl.prefiltering import PrefilteredLight, level_shape, level_starts
+from shjax.ibl.reading import Weights, read_maps
+from shjax.lights import CapLights, cap_nodes
+from shjax.shrm import in_spherical_frame
+from shjax.sphere import mirror
+from shjax.view_basis import halfway
+
+
+@jax.jit
+def shade(
+    light: PrefilteredLight,
+    normals: Float[Array, "*points 3"],
+    views: Float[Array, "*points 3"],
+    *,
+    albedo,
+    roughness,
+    metallic=0.0,
+    f0=0.04,
+) -> Float[jax.Array, "*all C"]:
+    """Radiance reflected by glTF's metallic-roughness model, every input per point.
+
+    ``albedo (1 - metallic) / pi E(n)`` plus GGX with ``alpha = roughness^2``, Smith
+    masking, Schlick's term from ``f0 (1 - metallic) + albedo metallic``, and its lost
+    energy given back. Differentiable in everything; not smooth on the lines between
+    texels, between roughnesses of the table, and at the lights' horizons. The maps end at
+    alpha = 1/16 (roughness 0.25): a smoother surface looks like that one.
+
+    Args:
+        light: From :func:`shjax.prefilter_light`. Each of several lights shades every
+            point (pairs: ``jax.vmap``).
+        normals: Unit normals.
+        views: Unit vectors to the viewer.
+        albedo: A number, or an array that broadcasts to ``(*points, C)``.
+        roughness: A number, or ``(*points,)``, in [0, 1].
+        metallic: A number, or ``(*points,)``, in [0, 1].
+        f0: Reflectance of the dielectric at normal incidence, in the form of ``albedo``.
+
+    Returns:
+        ``(*lights, *points, C)``.
+
+    Raises:
+        ValueError: If a shape does not fit.
+    """
+    for name, vectors in (("normals", normals), ("views", views)):
+        check_vectors(name, vectors.shape)
+    if normals.shape != views.shape:
+        raise ValueError(
+            f"views must have the shape of normals {normals.shape}; got {views.shape}."
+        )
+    texels = as_float("light", light.texels)
+    channels, dtype, points = texels.shape[-1], texels.dtype, normals.shape[:-1]
+    flat = {
+        "normals": as_float("normals", normals).astype(dtype).reshape(-1, 3),
+        "views": as_float("views", views).astype(dtype).reshape(-1, 3),
+        "albedo": _per_point("albedo", albedo, (*points, channels), dtype),
+        "roughness": _per_point("roughness", roughness, points, dtype),
+        "metallic": _per_point("metallic", metallic, points, dtype),
+        "f0": _per_point("f0", f0, (*points, channels), dtype),
+    }
+    front = texels.shape[:-3]
+    if not front:
+        return _in_blocks(light, flat).reshape(*points, channels)
+    many = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(front) :]), light)
+    shaded = jax.lax.map(lambda one: _in_blocks(one, flat), many)
+    return shaded.reshape(*front, *points, channels)
+
+
+def _per_point(name: str, value, shape: tuple[int, ...], dtype) -> jax.Array:
+    array = jnp.asarray(value, dtype)
+    try:
+        spread = jnp.broadcast_to(array, shape)
+    except ValueError:
+        raise ValueError(
+            f"{name} must broadcast to {shape}; got shape {array.shape}."
+        ) from None
+    size = math.prod(shape)
+    return (
+        spread.reshape(-1, shape[-1])
+        if name in ("albedo", "f0")
+        else spread.reshape(size)
+    )
+
+
+_POINTS_AT_ONCE = 16384
+
+
+def _in_blocks(light: PrefilteredLight, points: dict[str, jax.Array]) -> jax.Array:
+    """Some points at a time, which a cache holds; the gradient shades them again."""
+    count = points["normals"].shape[0]
+    if count <= _POINTS_AT_ONCE:
+        return _shade_points(light, **points)
+    blocks = {name: in_blocks(a, _POINTS_AT_ONCE) for name, a in points.items()}
+    shaded = jax.lax.map(
+        jax.checkpoint(lambda some: _shade_points(light, **some)), blocks
+    )
+    return shaded.reshape(-1, shaded.shape[-1])[:count]
+
+
+def _shade_points(
+    light: PrefilteredLight, normals, views, albedo, roughness, metallic, f0
+) -> jax.Array:
+    """Points ``(n, 3)``, one light; colours have the channel in front inside."""
+    albedo, f0, metal = albedo.T, f0.T, metallic[None]
+    diffuse = albedo * (1 - metal)
+    specular = f0 * (1 - metal) + albedo * metal
+    alpha = jnp.maximum(roughness, math.sqrt(LEAST_ALPHA)) ** 2
+    cosine = jnp.sum(normals * views, axis=-1)
+    rough, fit = locate(alpha), family(light.maps)
+    functions = view_functions(fit, rough, cosine)
+    white, slope = uniform_response(fit, rough, functions)
+    gain = multiple_scattering((white + slope)[None], specular)
+    glossy = _read(light.texels, rough, normals, views, functions, specular)
+    received = evaluate(light.irradiance, normals).T
+    if light.lights.heights.shape[-1]:
+        from_caps = _caps(light.lights, normals, views, alpha)
+        received = received + from_caps.irradiance
+        glossy = glossy + from_caps.base + specular * from_caps.slope
+    return (received * diffuse * (1 / math.pi) + gain * glossy).T
+
+
+def _read(texels, rough: Roughness, normals, views, functions, f0) -> jax.Array:
+    """Sum of all maps at the reflected directions, in their functions of the view."""
+    fit = family(texels.shape[0])
+    towards = mirror(normals, views)
+    x, y, _ = jnp.moveaxis(in_spherical_frame(towards, normals), -1, 0)
+    places, shares = _taps(rough, towards)
+    waves = jnp.stack(halfway(x, y, fit.orders))
+    base, slope = (
+        jnp.take(part, np.array(fit.functions), axis=0) * waves for part in functions
+    )
+    parity = tuple(abs(q) % 2 for q in fit.orders)
+    return read_maps(parity, texels, places, shares, Weights(base, slope, f0))
+
+
+def _taps(rough: Roughness, towards: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The eight texels about directions and their shares.
+
+    Returns:
+        Places ``(8, n)``, and shares for maps of even and odd order, ``(8, 2, n)``.
+    """
+    x, y, z = towards[:, 0], towards[:, 1], towards[:, 2]
+    squared = x * x + y * y
+    off = squared > 0
+    across = jnp.where(off, jnp.sqrt(jnp.where(off, squared, 1)), 0)
+    theta = jnp.arctan2(across, jnp.where(off, z, jnp.sign(z)))
+    phi = jnp.where(off, jnp.arctan2(jnp.where(off, y, 0), jnp.where(off, x, 1)), 0)
+    heights = np.array([level_shape(level)[0] for level in range(LEVELS)], np.int32)
+    starts = np.array(level_starts()[:-1], np.int32)
+    places, even, odd = [], [], []
+    for step in (0, 1):
+        level = rough.level + step
+        rows = jnp.take(jnp.asarray(heights), level)
+        start = jnp.take(jnp.asarray(starts), level)
+        columns, scale = 2 * rows, rows.astype(theta.dtype) / np.pi
+        row = theta * scale - 0.5
+        column = (np.pi - phi) * scale - 0.5
+        top, left = (jnp.floor(a).astype(jnp.int32) for a in (row, column))
+        down, right = row - top.astype(row.dtype), column - left.astype(row.dtype)
+        own = rough.share if step else 1 - rough.share
+        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            line = top + i
+            # Across a pole the neighbour is half a turn on, in a frame turned by pi.
+            over = (line < 0) | (line >= rows)
+            line = jnp.clip(line, 0, rows - 1)
+            at = jnp.mod(left + j + jnp.where(over, rows, 0), columns)
+            share = own * (down if i else 1 - down) * (right if j else 1 - right)
+            places.append(start + line * columns + at)
+            even.append(share)
+            odd.append(jnp.where(over, -share, share))
+    return jnp.stack(places), jnp.stack([jnp.stack(even), jnp.stack(odd)], axis=1)
+
+
+class _Caps(NamedTuple):
+    """What caps give, each ``(C, n)``; reflected radiance is affine in f0."""
+
+    irradiance: jax.Array
+    base: jax.Array
+    slope: jax.Array
+
+
+def _caps(lights: CapLights, normals, views, alpha) -> _Caps:
+    """Irradiance and reflection of caps: the model itself at eight directions of each.
+
+    Args:
+        lights: The caps.
+        normals: ``(n, 3)``.
+        views: The same.
+        alpha: Roughness, ``(n,)``.
+    """
+    towards, shares = cap_nodes(lights, normals.dtype, 2, 4)
+    amounts = lights.flux.astype(normals.dtype)[:, None] * shares[None, :, None]
+    n, v = ([vectors[:, k] for k in range(3)] for vectors in (normals, views))
+    cosine = _dot(n, v)
+    seen = cosine > 0
+    view_z = jnp.where(seen, cosine, 1)
+
+    @jax.checkpoint
+    def add(total, node):
+        direction, amount = node
+        light_z = _dot(n, direction)
+        lit = light_z > 0
+        light_z = jnp.where(lit, light_z, 1)
+        half = Half(
+            *_about_normal(n, [a + b for a, b in zip(v, direction, strict=True)])
+        )
+        lobe = distribution_masking(alpha, light_z, view_z, half) * light_z
+        fresnel = schlick(half)
+        given = (
+            jnp.where(lit, light_z, 0),
+            jnp.where(lit & seen, lobe * fresnel, 0),
+            jnp.where(lit & seen, lobe * (1 - fresnel), 0),
+        )
+        added = (
+            sum_ + amount[:, None] * one[None]
+            for sum_, one in zip(total, given, strict=True)
+        )
+        return tuple(added), None
+
+    rows = (towards.reshape(-1, 3), amounts.reshape(-1, amounts.shape[-1]))
+    zero = jnp.zeros((amounts.shape[-1], normals.shape[0]), normals.dtype)
+    return _Caps(*jax.lax.scan(add, (zero, zero, zero), rows)[0])
+
+
+def _dot(a, b) -> jax.Array:
+    """Of vectors by their components."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _about_normal(n, h) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """``|n x h|^2``, ``n.h`` and ``|h|^2``: no digits are lost where h is near n."""
+    x, y, z = (
+        n[1] * h[2] - n[2] * h[1],
+        n[2] * h[0] - n[0] * h[2],
+        n[0] * h[1] - n[1] * h[0],
+    )
+    return x * x + y * y + z * z, _dot(n, h), _dot(h, h)

@@ -1,0 +1,244 @@
+"""Caps of the sphere, from a direction to a hemisphere: coefficients and shading."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float
+
+from shjax.arrays import Array, as_float
+from shjax.brdf.core import Brdf, frames, transfer
+from shjax.convolution import common_channels
+from shjax.harmonics import basis
+from shjax.harmonics.degrees import degrees
+from shjax.sphere import normalize
+
+_NARROW = np.radians(5.0)  # up to here three rings serve
+_RING_WIDTH = np.radians(1.5)  # of the rings of wider caps
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("directions", "heights", "flux"),
+    meta_fields=(),
+)
+@dataclasses.dataclass(frozen=True)
+class CapLights:
+    """Uniform caps of the sphere.
+
+    Attributes:
+        directions: Unit vectors to their centres, ``(n, 3)``.
+        heights: ``1 - cos`` of each half angle, ``(n,)``: in float32 the cosine of a sun
+            has lost its digits. The solid angle is ``2 pi`` times it. 0 is a directional
+            light, whose radiance is infinite.
+        flux: Radiance times solid angle, ``(n, C)``.
+    """
+
+    directions: Float[Array, "*batch n 3"]
+    heights: Float[Array, "*batch n"]
+    flux: Float[Array, "*batch n C"]
+
+    @property
+    def angles(self) -> Float[jax.Array, " n"]:
+        """Half angles, radians."""
+        return 2 * jnp.arcsin(jnp.sqrt(jnp.asarray(self.heights) / 2))
+
+    @property
+    def radiance(self) -> Float[jax.Array, "n C"]:
+        """Flux over solid angle."""
+        solid = 2 * np.pi * jnp.asarray(self.heights)
+        flux = jnp.asarray(self.flux)
+        return flux / jnp.broadcast_to(solid[:, None], flux.shape)
+
+
+def cap_light(
+    direction: Float[Array, " 3"], angle: float, radiance: Float[Array, " C"]
+) -> CapLights:
+    """A uniform cap, such as a sphere far away: one light.
+
+    Args:
+        direction: To its centre, of any length.
+        angle: Half angle, radians, in (0, pi].
+        radiance: Of the cap, ``(C,)``.
+
+    Raises:
+        ValueError: If the angle is outside its range.
+    """
+    if not 0 < angle <= np.pi:
+        raise ValueError(f"angle must lie in (0, pi]; got {angle}.")
+    towards = normalize(as_float("direction", direction))[None]
+    height = 2 * np.sin(angle / 2) ** 2
+    flux = as_float("radiance", radiance) * (2 * np.pi * height)
+    return CapLights(towards, jnp.full(1, height, towards.dtype), flux[None])
+
+
+def directional_light(
+    direction: Float[Array, " 3"], irradiance: Float[Array, " C"]
+) -> CapLights:
+    """A light at infinity without extent, by the irradiance of a surface that faces it.
+
+    Args:
+        direction: To the light, of any length.
+        irradiance: Perpendicular to it, ``(C,)``; the flux of :class:`CapLights`.
+    """
+    towards = normalize(as_float("direction", direction))[None]
+    flux = as_float("irradiance", irradiance)[None]
+    return CapLights(towards, jnp.zeros(1, towards.dtype), flux)
+
+
+def hemisphere_light(
+    direction: Float[Array, " 3"],
+    above: Float[Array, " C"],
+    below: Float[Array, " C"],
+) -> CapLights:
+    """Two constant hemispheres, as sky and ground: two lights.
+
+    Args:
+        direction: To the middle of the upper one, of any length.
+        above: Its radiance, ``(C,)``.
+        below: That of the other.
+    """
+    half = np.pi / 2
+    up = cap_light(direction, half, above)
+    down = cap_light(-jnp.asarray(direction), half, below)
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), up, down)
+
+
+@functools.partial(jax.jit, static_argnames=("l_max",))
+def cap_gains(heights: Float[Array, " n"], *, l_max: int) -> Float[jax.Array, "n L"]:
+    """Mean of each Legendre polynomial over caps: 1 for a direction.
+
+    Exact quadrature over ``1 - cos``, so that small caps keep their digits.
+
+    Args:
+        heights: ``1 - cos`` of the half angles.
+        l_max: Highest degree, inclusive. Static.
+    """
+    x, w = np.polynomial.legendre.leggauss(l_max // 2 + 1)
+    heights = as_float("heights", heights)
+    nodes, weights = (jnp.asarray(a, heights.dtype) for a in ((1 + x) / 2, w / 2))
+    fall = heights[:, None] * nodes[None]  # 1 - t
+
+    def degree(state, l):
+        value, step = state  # P_l and P_l - P_(l-1)
+        step = (l * step - (2 * l + 1) * fall * value) / (l + 1)
+        mean = jnp.sum(value * jnp.broadcast_to(weights[None], value.shape), axis=-1)
+        return (value + step, step), mean
+
+    start = (jnp.ones_like(fall), jnp.zeros_like(fall))
+    degrees_ = jnp.arange(l_max + 1).astype(heights.dtype)
+    return jax.lax.scan(degree, start, degrees_)[1].T
+
+
+@functools.partial(jax.jit, static_argnames=("l_max",))
+def cap_coefs(lights: CapLights, *, l_max: int) -> Float[jax.Array, "K C"]:
+    """Radiance coefficients of caps and directions, of any degree; differentiable.
+
+    Args:
+        lights: The lights.
+        l_max: Highest degree, inclusive. Static.
+    """
+    flux = as_float("flux", lights.flux)
+    towards = as_float("directions", lights.directions).astype(flux.dtype)
+    heights = as_float("heights", lights.heights).astype(flux.dtype)
+    gains = cap_gains(heights, l_max=l_max)
+    table = jnp.take(gains, degrees(l_max), axis=1) * basis(towards, l_max=l_max)
+    return jnp.matmul(table.T, flux, precision=jax.lax.Precision.HIGHEST)
+
+
+def cap_reflection(
+    lights: CapLights,
+    brdf: Brdf,
+    normals: Float[Array, "*points 3"],
+    views: Float[Array, "*points 3"],
+    tangents: Float[Array, "*points 3"] | None = None,
+    *,
+    rings: int | None = None,
+) -> Float[jax.Array, "*points C"]:
+    """Radiance reflected from caps: the BRDF itself at directions over each.
+
+    Args:
+        lights: The caps.
+        brdf: The reflectance.
+        normals: Unit normals.
+        views: Unit vectors to the viewer.
+        tangents: Unit tangents, for fibres.
+        rings: Of directions, each with twice as many spokes; default 3, and 1.5 degrees
+            wide for concrete caps of more than 5 degrees. Static.
+
+    Raises:
+        ValueError: If ``rings`` is not positive or a shape is wrong.
+    """
+    if rings is None:
+        rings = _rings_for(lights)
+    if rings < 1:
+        raise ValueError(f"rings must be positive; got {rings}.")
+    return _cap_reflection(lights, brdf, normals, views, tangents, rings=rings)
+
+
+def _rings_for(lights: CapLights) -> int:
+    if isinstance(lights.heights, Tracer) or not np.size(lights.heights):
+        return 3
+    widest = float(np.max(np.asarray(lights.angles)))
+    return 3 if widest <= _NARROW else int(np.ceil(widest / _RING_WIDTH))
+
+
+@functools.partial(jax.jit, static_argnames=("rings",))
+def _cap_reflection(
+    lights: CapLights, brdf: Brdf, normals, views, tangents, *, rings: int
+) -> jax.Array:
+    normals = jnp.asarray(normals)
+    dtype, flux = normals.dtype, jnp.asarray(lights.flux)
+    channels = common_channels(flux.shape[-1], brdf.channels, "brdf")
+    shape = (*normals.shape[:-1], channels)
+    towards, shares = cap_nodes(lights, dtype, rings, 2 * rings)
+    shine: Callable = functools.partial(transfer, brdf, normals)
+
+    def add(total, light):
+        direction, amount = light
+        lit = jnp.broadcast_to(direction, normals.shape)
+        rho = shine(lit, views, tangents)
+        amount = jnp.broadcast_to(amount, shape)
+        return total + jnp.broadcast_to(rho.astype(dtype), shape) * amount, None
+
+    amounts = flux[:, None].astype(dtype) * shares[None, :, None]
+    rows = (towards.reshape(-1, 3), amounts.reshape(-1, flux.shape[-1]))
+    return jax.lax.scan(add, jnp.zeros(shape, dtype), rows)[0]
+
+
+def cap_nodes(
+    lights: CapLights, dtype, rings: int, spokes: int
+) -> tuple[jax.Array, jax.Array]:
+    """Directions ``(n, k, 3)`` over each cap and their shares of its flux, ``(k,)``.
+
+    Args:
+        lights: The caps.
+        dtype: Of the results. Static.
+        rings: Gauss nodes in ``1 - cos``. Static.
+        spokes: Directions in each ring. Static.
+    """
+    x, w = np.polynomial.legendre.leggauss(rings)
+    height = jnp.asarray((1 + x) / 2, dtype)  # share of 1 - cos
+    turn = 2 * np.pi * np.arange(spokes) / spokes
+    fall = jnp.asarray(lights.heights, dtype)[:, None] * height[None]
+    squared = fall * (2 - fall)
+    wide = squared > 0
+    across = jnp.where(wide, jnp.sqrt(jnp.where(wide, squared, 1)), 0)[..., None]
+    frame = frames(jnp.asarray(lights.directions, dtype))
+    around = jnp.asarray(np.stack([np.cos(turn), np.sin(turn)], -1), dtype)
+    local = jnp.concatenate(
+        [
+            across[..., None] * around[None, None],
+            jnp.broadcast_to((1 - fall)[..., None, None], (*fall.shape, spokes, 1)),
+        ],
+        axis=-1,
+    ).reshape(fall.shape[0], -1, 3)
+    towards = jnp.einsum("nij,nki->nkj", frame, local)
+    shares = np.repeat(w / 2, spokes) / spokes
+    return towards, jnp.asarray(shares, dtype)

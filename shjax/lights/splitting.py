@@ -1,0 +1,221 @@
+"""Taking the brightest small lights out of a lat-long panorama.
+
+All in JAX with static shapes, so that it jits and its results differentiate with respect
+to the pixels; which pixels belong to a light is taken as given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float
+
+from shjax.arrays import Array, as_float
+from shjax.brdf.core import frames
+from shjax.envmap import EnvironmentMap
+from shjax.lights.caps import CapLights
+from shjax.reference import luminance
+from shjax.sphere import (
+    latlong_phi,
+    latlong_solid_angles,
+    latlong_theta,
+    normalize,
+)
+
+_WIDEST = np.radians(3.0)
+_WINDOW = np.radians(7.0)
+_SHARE_OF_PEAK = 0.25
+_LEAST_CONTRAST = 20.0  # of the peak over its surroundings
+_LEAST_FLUX = 0.01  # of the whole light
+_RINGS, _SPOKES = 6, 48  # of the samples of the surroundings
+
+
+def split_lights(
+    envmap: EnvironmentMap, *, max_lights: int = 4
+) -> tuple[CapLights, EnvironmentMap]:
+    """Take the brightest small lights out of a lat-long panorama.
+
+    One after the other: the connected pixels about the brightest one whose excess over
+    the surroundings is above a quarter of its own become a cap of the same flux in each
+    channel, centroid and mean cosine; the surroundings stay. A light counts if it is at
+    most 3 degrees in radius, 20 times brighter than its surroundings, and holds 1 % of
+    the whole. Flux is conserved; nothing is taken where nothing stands out.
+
+    Args:
+        envmap: A lat-long map (``to_latlong`` makes one).
+        max_lights: At most so many.
+
+    Returns:
+        The lights, and the rest of the map.
+
+    Raises:
+        ValueError: If the map is not lat-long or ``max_lights`` is negative.
+    """
+    if envmap.layout != "latlong":
+        raise ValueError(f"envmap must be lat-long; got {envmap.layout}.")
+    if max_lights < 0:
+        raise ValueError(f"max_lights must be >= 0; got {max_lights}.")
+    radiance = as_float("envmap", envmap.radiance)
+    lights, rest = take_lights(radiance, max_lights=max_lights)
+    if not isinstance(lights.flux, Tracer):
+        count = int(np.count_nonzero(np.any(np.asarray(lights.flux) != 0, axis=-1)))
+        if not count:
+            rest = envmap.radiance
+        lights = jax.tree.map(lambda a: a[:count], lights)
+    return lights, dataclasses.replace(envmap, radiance=rest, image=rest)
+
+
+@functools.partial(jax.jit, static_argnames=("max_lights",))
+def take_lights(
+    radiance: Float[Array, "H W C"], *, max_lights: int
+) -> tuple[CapLights, Float[jax.Array, "H W C"]]:
+    """:func:`split_lights` of an array; lights that were not found have no flux.
+
+    Args:
+        radiance: Panorama as it is stored.
+        max_lights: How many rows the result has. Static.
+    """
+    height, width, channels = radiance.shape
+    grid = _band(height, width)
+    solid = jnp.asarray(latlong_solid_angles(height, width), radiance.dtype)
+    rows = jnp.sum(luminance(radiance), axis=1)
+    whole = jax.lax.stop_gradient(jnp.sum(rows * solid))
+
+    def one(image, _):
+        light, image = _take_one(image, whole, grid)
+        return image, light
+
+    if not max_lights:
+        empty = CapLights(
+            jnp.zeros((0, 3), radiance.dtype),
+            jnp.zeros(0, radiance.dtype),
+            jnp.zeros((0, channels), radiance.dtype),
+        )
+        return empty, radiance
+    rest, lights = jax.lax.scan(one, radiance, None, length=max_lights)
+    return CapLights(*lights), rest
+
+
+class _Band(NamedTuple):
+    """Rows about a light: how many, and cosine and sine of each column's azimuth."""
+
+    rows: int
+    cosine: np.ndarray
+    sine: np.ndarray
+
+
+def _band(height: int, width: int) -> _Band:
+    rows = min(height, 2 * int(np.ceil(_WINDOW / np.pi * height)) + 1)
+    phi = latlong_phi(width)
+    return _Band(rows, np.cos(phi), np.sin(phi))
+
+
+def _take_one(image: jax.Array, whole: jax.Array, grid: _Band):
+    """Direction, height and flux of the brightest light, and the image without it."""
+    height, width, channels = image.shape
+    dtype = image.dtype
+    grey = luminance(jax.lax.stop_gradient(image))
+    peak = jnp.argmax(grey)
+    row, column = peak // width, peak % width
+    first = jnp.clip(row - grid.rows // 2, 0, height - grid.rows)
+    band = jax.lax.dynamic_slice(image, (first, 0, 0), (grid.rows, width, channels))
+    shade = jax.lax.dynamic_slice(grey, (first, 0), (grid.rows, width))
+    theta = jnp.asarray(latlong_theta(height), dtype)
+    theta = jax.lax.dynamic_slice(theta, (first,), (grid.rows,))
+    solid = jnp.asarray(latlong_solid_angles(height, width), dtype)
+    solid = jax.lax.dynamic_slice(solid, (first,), (grid.rows,))
+    pixels = _directions(theta, grid)
+    seed = jnp.zeros((grid.rows, width), bool).at[row - first, column].set(True)
+    brightest = shade[row - first, column]
+
+    def fall(axis: jax.Array) -> jax.Array:
+        """``1 - cos`` of the angle to each pixel, by way of the difference."""
+        return jnp.sum((pixels - axis[None, None]) ** 2, axis=-1) / 2
+
+    near = fall(pixels[row - first, column]) < _height(_WINDOW)
+    core = _connected(near & (shade > _SHARE_OF_PEAK * brightest), seed)
+    amount = jnp.where(core, shade * solid[:, None], 0)
+    middle = normalize(jnp.sum(amount[..., None] * pixels, axis=(0, 1)))
+    around = _surroundings(jax.lax.stop_gradient(image), middle)
+    level = luminance(around)
+    excess = brightest - level
+    away = fall(middle)
+    bright = (away < _height(_WINDOW)) & (shade - level > _SHARE_OF_PEAK * excess)
+    region = _connected(bright, seed)
+    stands_out = (excess > 0) & (brightest >= _LEAST_CONTRAST * jnp.maximum(level, 0))
+    small = jnp.all(jnp.where(region, away, 0) < _height(_WIDEST))
+    taken = jnp.where(region[..., None], jnp.maximum(band - around[None, None], 0), 0)
+    flux = jnp.sum(taken * solid[:, None, None], axis=(0, 1))
+    found = stands_out & small & (luminance(flux) >= _LEAST_FLUX * whole)
+    direction, cap = _moments(luminance(taken) * solid[:, None], pixels, solid, found)
+    taken = jnp.where(found, taken, 0)
+    light = (direction, cap, jnp.where(found, flux, 0))
+    return light, jax.lax.dynamic_update_slice(image, band - taken, (first, 0, 0))
+
+
+def _height(angle: float) -> float:
+    return 2 * float(np.sin(angle / 2)) ** 2
+
+
+def _directions(theta: jax.Array, grid: _Band) -> jax.Array:
+    across, up = jnp.sin(theta)[:, None], jnp.cos(theta)[:, None]
+    x = across * jnp.asarray(grid.cosine, theta.dtype)[None]
+    y = across * jnp.asarray(grid.sine, theta.dtype)[None]
+    return jnp.stack([x, y, jnp.broadcast_to(up, x.shape)], axis=-1)
+
+
+def _surroundings(image: jax.Array, axis: jax.Array) -> jax.Array:
+    """Median radiance between 4 degrees and the window's end about an axis, ``(C,)``."""
+    height, width, channels = image.shape
+    ring = np.linspace(_WIDEST + np.radians(1.0), _WINDOW, _RINGS)[:, None]
+    turn = (2 * np.pi / _SPOKES) * np.arange(_SPOKES)[None]
+    local = np.stack(
+        [
+            np.sin(ring) * np.cos(turn),
+            np.sin(ring) * np.sin(turn),
+            np.cos(ring) + 0 * turn,
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    towards = jnp.asarray(local, image.dtype) @ frames(axis)
+    x, y, z = towards[:, 0], towards[:, 1], towards[:, 2]
+    theta, phi = jnp.arctan2(jnp.hypot(x, y), z), jnp.arctan2(y, x)
+    row = jnp.clip((theta * (height / np.pi)).astype(jnp.int32), 0, height - 1)
+    column = (np.pi - phi) * (width / (2 * np.pi))
+    column = jnp.clip(column.astype(jnp.int32), 0, width - 1)
+    return jnp.median(image[row, column].reshape(-1, channels), axis=0)
+
+
+def _moments(flux: jax.Array, pixels: jax.Array, solid: jax.Array, found):
+    """Centroid of pixels with some flux each, and the cap of their mean cosine."""
+    total = jnp.where(found, jnp.sum(flux), 1)
+    # A pixel is itself a cap: its own mean cosine is 1 - w / 4 pi.
+    inner = jnp.broadcast_to((solid / (4 * np.pi))[:, None], flux.shape)
+    moment = jnp.sum((flux * (1 - inner))[..., None] * pixels, axis=(0, 1))
+    upright = jnp.zeros(3, flux.dtype).at[2].set(1)
+    axis = jnp.where(found, normalize(jnp.where(found, moment, upright)), upright)
+    fall = jnp.sum((pixels - axis[None, None]) ** 2, axis=-1) / 2
+    lost = jnp.sum(flux * (fall + inner * (1 - fall))) / total
+    # The mean cosine of a cap is 1 - height / 2.
+    return axis, jnp.where(found, 2 * lost, 0)
+
+
+def _connected(bright: jax.Array, seed: jax.Array) -> jax.Array:
+    """The bright pixels that hang together with the seed, across the seam too."""
+
+    def grow(state):
+        region, _ = state
+        wider = region | jnp.roll(region, 1, axis=1) | jnp.roll(region, -1, axis=1)
+        down = jnp.pad(region[:-1], [(1, 0), (0, 0)])
+        up = jnp.pad(region[1:], [(0, 1), (0, 0)])
+        wider = (wider | down | up) & bright
+        return wider, jnp.any(wider != region)
+
+    start = (seed, jnp.asarray(True))
+    return jax.lax.while_loop(lambda state: state[1], grow, start)[0]
