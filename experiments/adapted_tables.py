@@ -162,7 +162,7 @@ def best_profiles(
         degrees = np.arange(DEGREES[first - 1] + 1 if first else 0, degree + 1)
         levels = np.arange(first, LEVELS)
         size = levels.size * rank
-        matrix = gram[np.ix_(levels, range(rank), levels, range(rank))]
+        matrix = gram[levels][:, :, levels]
         matrix = matrix.reshape(size, size)
         matrix = matrix + 1e-12 * np.trace(matrix) / size * np.eye(size)
         wanted = right[np.ix_(degrees, levels)].reshape(degrees.size, size)
@@ -182,7 +182,7 @@ def fit(kernels: Kernels, maps: int, rounds: int = ROUNDS):
     ranks, balance = RANKS[maps], np.array(BALANCE[maps])
     importance = np.ones((NODES, 2)) * balance
     profiles = [first_profiles(kernels, q, rank) for q, rank in enumerate(ranks)]
-    weight = prior(DEGREES[-1])
+    weight, views, error = prior(DEGREES[-1]), [], np.zeros((NODES, 2))
     for turn in range(rounds + 1):
         views, held = [], np.zeros((NODES, 2))
         for q in range(len(ranks)):
@@ -235,7 +235,7 @@ def packed(kernels: Kernels, maps: int, rounds: int = ROUNDS):
 
 def main() -> None:
     """Fit all sets, print their errors, and write them if asked to."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--write", action="store_true", help="write the shipped file")
     write = parser.parse_args().write
     kernels = family_kernels()

@@ -220,6 +220,6 @@ def uniform_response(
     return parts[0], parts[1]
 
 
-def multiple_scattering(white: jax.Array, f0: jax.Array) -> jax.Array:
+def multiple_scattering(white, f0):
     """``1 + f0 (1 - E) / E``, E the response of a white surface [T19, Eq. 16]."""
     return 1 + f0 * (1 - white) / white

@@ -69,5 +69,5 @@ def prior(l_max: int) -> np.ndarray:
 
 def positive_triangle(columns: np.ndarray) -> np.ndarray:
     """Upper triangular R with ``columns = Q R``, Q orthonormal, R's diagonal positive."""
-    triangle = np.linalg.qr(columns, mode="r")
+    _, triangle = np.linalg.qr(columns)
     return triangle * np.where(np.diag(triangle) < 0, -1.0, 1.0)[:, None]

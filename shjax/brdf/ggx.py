@@ -9,7 +9,7 @@ References:
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -87,7 +87,7 @@ GGX_MULTISCATTER = Model(
 )
 
 
-def ggx(alpha, f0=1.0, multiscatter: bool = False) -> Brdf:
+def ggx(alpha: Any, f0: Any = 1.0, multiscatter: bool = False) -> Brdf:
     """GGX microfacets, height-correlated Smith masking, Schlick's Fresnel term.
 
     Args:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 import shjax
 from shjax import io, render
-from shjax.cli.light_report import print_result, write_results
+from shjax.cli.light_report import print_result, write_results, write_split
 from shjax.cli.options import (
     invalid_option,
     layout_option,
@@ -52,6 +52,10 @@ STEPS = 5
     metavar="PIXELS",
     help="Side of each rendered sphere; the exact one takes time by its square.",
 )  # fmt: skip
+@click.option(
+    "--split", is_flag=True,
+    help="Write the small bright lights and the rest of the map apart.",
+)  # fmt: skip
 @layout_option
 @invalid_option
 @rotate_option
@@ -63,6 +67,7 @@ def light(
     out: Path,
     l_max: int,
     size: int,
+    split: bool,
     layout: str,
     invalid: str,
     rotate: np.ndarray | None,
@@ -82,11 +87,15 @@ def light(
       NAME_spheres.exr       white sphere: from the coefficients; by the exact
                              integral; their difference (.png: red too bright,
                              blue too dark, full colour at a tenth of white)
+      NAME_lights.json       with --split: direction, half angle and colour of each
+                             small light (a sun, lamps), for sun lamps elsewhere
+      NAME_rest.exr          with --split: the map without them; the flux is kept
 
     \b
     Examples:
       shjax light --out results
       shjax light studio.exr sunset.hdr --l-max 4 --out results
+      shjax light sunset.hdr --split --out results
     """
     paths = list(env) or [io.shipped_panorama()]
     _check_names(paths)
@@ -103,7 +112,7 @@ def light(
             try:
                 result = run(
                     path, out, l_max=l_max, size=size, layout=layout, invalid=invalid,
-                    rotation=rotate, window=window, step=step,
+                    rotation=rotate, window=window, split=split, step=step,
                 )  # fmt: skip
             except (ValueError, OSError) as error:
                 if len(paths) == 1:
@@ -128,6 +137,7 @@ def run(
     invalid: str = "error",
     rotation: np.ndarray | None = None,
     window: str = "none",
+    split: bool = False,
     step: Callable[[str], None] = lambda what: None,
 ) -> dict:
     """The whole job for one file; writes into ``out`` and returns what it found.
@@ -141,6 +151,7 @@ def run(
         invalid: As in :func:`shjax.io.read_envmap`.
         rotation: Turns the light; ``(3, 3)``.
         window: A name in :data:`shjax.windows.NAMES`.
+        split: Whether to write the small lights and the rest.
         step: Called with a few words at the start of each part.
 
     Raises:
@@ -204,7 +215,13 @@ def run(
         },
     }
     spheres = (np.asarray(render.lambertian(ball, lighting)), np.asarray(exact))
-    result["files"] = write_results(out, path.stem, result, envmap, lighting, spheres)
+    more = {}
+    if split:
+        lights, more = write_split(out, path.stem, envmap, rotation)
+        result["lights"] = lights
+    result["files"] = write_results(
+        out, path.stem, result, envmap, lighting, spheres, more
+    )
     return result
 
 

@@ -14,10 +14,11 @@ from rich.table import Table
 import shjax
 from shjax import io
 from shjax.cli.options import quadrature_note
-from shjax.cli.pictures import as_rgb, compare, header
+from shjax.cli.pictures import FRAME, as_rgb, compare, header, turned
 from shjax.display import tone_map
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
+from shjax.lights import split_lights
 
 _ROWS_SHOWN = 25
 PANELS = "from the coefficients | by the exact integral | their difference"
@@ -30,6 +31,7 @@ def write_results(
     envmap: EnvironmentMap,
     lighting,
     spheres: tuple[np.ndarray, np.ndarray],
+    more: dict[str, str],
 ) -> dict[str, str]:
     """Write the pictures, then the JSON; returns the files by name."""
     source = envmap.report.source
@@ -49,12 +51,44 @@ def write_results(
     files = {name: str(out / f"{stem}_{name}") for name in pictures}
     for name, (image, attributes) in pictures.items():
         io.write_image(files[name], image, attributes=attributes)
+    files.update(more)
     files["lighting.json"] = str(out / f"{stem}_lighting.json")
     # Last, so that its presence says that all the others are there.
     io.write_text(
         files["lighting.json"], json.dumps({**result, "files": files}, indent=1) + "\n"
     )
     return files
+
+
+def write_split(
+    out: Path, stem: str, envmap: EnvironmentMap, rotation: np.ndarray | None
+) -> tuple[list[dict], dict[str, str]]:
+    """Write the small lights and the rest of a map; returns lights and files."""
+    flat = envmap
+    if envmap.layout != "latlong":
+        flat = envmap.to_latlong(min(len(envmap.image), 1024))
+    if rotation is not None:
+        flat = turned(flat, rotation)
+    lights, rest = split_lights(flat)
+    found = io.lights_as_json(lights)
+    for light, radiance in zip(found, np.asarray(lights.radiance), strict=True):
+        light["radiance"] = radiance.astype(float).tolist()
+        x, y, z = light["direction"]
+        light["azimuth"] = float(np.degrees(np.arctan2(y, x)))
+        light["elevation"] = float(np.degrees(np.arcsin(np.clip(z, -1, 1))))
+    files = {name: str(out / f"{stem}_{name}") for name in ("rest.exr", "lights.json")}
+    about = header(envmap.report.source, units="radiance", lights=f"{len(found)} taken")
+    io.write_image(files["rest.exr"], np.asarray(rest.radiance), attributes=about)
+    content = {
+        "schema": "shjax.lights/1",
+        "source": envmap.report.source,
+        "frame": FRAME,
+        "units": "flux: radiance times solid angle, the irradiance of a surface that "
+        "faces the light; angles in degrees, azimuth from +x towards +y",
+        "lights": found,
+    }
+    io.write_text(files["lights.json"], json.dumps(content, indent=1) + "\n")
+    return found, files
 
 
 def print_result(console: Console, result: dict) -> None:
@@ -98,6 +132,16 @@ def print_result(console: Console, result: dict) -> None:
         f"{result['recovered']['message']}.",
     ):
         console.print(Padding(paragraph, (0, 0, 0, 2)), highlight=False)
+    for light in result.get("lights", []):
+        colour = ", ".join(f"{value:.4g}" for value in light["flux"])
+        console.print(
+            f"[bold]light[/]  azimuth {light['azimuth']:.1f}, elevation "
+            f"{light['elevation']:.1f}, half angle {light['half_angle']:.2f} degrees, "
+            f"flux {colour}",
+            highlight=False,
+        )
+    if result.get("lights") == []:
+        console.print("no small light stands out: nothing is split off")
     console.print(f"\nspheres: {PANELS}", highlight=False)
     console.print("written:")
     for name in result["files"].values():

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import click
 import jax
 import numpy as np
 
 import shjax
+from shjax.adapted import RANKS
 from shjax.brdf.parse import MODELS, parse
 from shjax.envmap import EnvironmentMap
 from shjax.io.envmaps import INVALID_CHOICES
@@ -71,6 +75,83 @@ brdf_option = click.option(
     type=_BrdfText(),
     help="Terms joined by ' + ', each a model and its parameters, a factor and * before "
     "it: " + ", ".join(MODELS) + ".",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Material:
+    """A metallic-roughness material; ``mesh`` says that the mesh's own comes first.
+
+    Attributes:
+        given: albedo, roughness, metallic and f0, as far as they were given.
+        mesh: Whether to take the rest from the mesh's file.
+    """
+
+    given: dict[str, np.ndarray]
+    mesh: bool
+
+    def value(self, name: str) -> Any:
+        """What was given, or the default."""
+        return self.given.get(name, np.float32(_MATERIAL[name]))
+
+
+_MATERIAL = {"albedo": 0.8, "roughness": 0.5, "metallic": 0.0, "f0": 0.04}
+
+
+class _MaterialText(click.ParamType):
+    name = "MATERIAL"
+
+    def convert(self, value, param, ctx):
+        """``roughness=0.4,albedo=0.9,0.6,0.3`` or ``mesh`` to a :class:`Material`."""
+        if not isinstance(value, str):
+            return value
+        given: dict[str, list[str]] = {}
+        mesh, last = False, None
+        for word in (part.strip() for part in value.split(",")):
+            key, equals, text = word.partition("=")
+            if equals and key in _MATERIAL:
+                last, given[key] = key, [text]
+            elif word == "mesh" and last is None:
+                mesh = True
+            elif not equals and last is not None:
+                given[last].append(word)
+            else:
+                known = ", ".join(f"{k}=..." for k in _MATERIAL)
+                self.fail(f"{word!r} is not one of mesh, {known}", param, ctx)
+        numbers = {}
+        for key, words in given.items():
+            try:
+                array = np.array([float(word) for word in words], np.float32)
+            except ValueError:
+                self.fail(f"{key}={','.join(words)} is not a number", param, ctx)
+            single = key in ("roughness", "metallic")
+            if array.size not in ((1,) if single else (1, 3)):
+                rule = "one number" if single else "one number or three"
+                self.fail(f"{key} takes {rule}; got {','.join(words)}", param, ctx)
+            if not np.all((array >= 0) & (array <= 1)):
+                self.fail(
+                    f"{key} must lie in [0, 1]; got {','.join(words)}", param, ctx
+                )
+            numbers[key] = array if array.size > 1 else array[0]
+        if numbers.get("roughness") == 0:
+            self.fail("roughness must lie in (0, 1]; got 0", param, ctx)
+        return Material(numbers, mesh)
+
+
+material_option = click.option(
+    "--material",
+    type=_MaterialText(),
+    help="glTF's metallic-roughness material in place of --brdf, drawn by the lighting "
+    "layer: roughness=0.5,metallic=0,albedo=0.8,0.8,0.8,f0=0.04 (these are the "
+    "defaults). On a mesh, 'mesh' takes the file's own textures and factors.",
+)
+
+maps_option = click.option(
+    "--maps",
+    default="9",
+    show_default=True,
+    type=click.Choice([str(n) for n in RANKS]),
+    help="Maps of the lighting layer, for --material: many are accurate.",
 )
 
 rms_error_option = click.option(

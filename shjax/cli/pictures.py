@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 
+import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 from rich.progress import (
@@ -16,6 +18,9 @@ from rich.progress import (
 
 import shjax
 from shjax.display import show_difference, tone_map
+from shjax.envmap import EnvironmentMap
+from shjax.render.shading import panorama_at
+from shjax.sphere import latlong_directions
 
 FRAME = (
     "right-handed, +z up (row 0 of a lat-long image), +x at the image centre, "
@@ -52,6 +57,15 @@ def compare(
     coloured = show_difference(difference, white / 10)
     coloured = np.where(exact.sum(axis=-1, keepdims=True) > 0, coloured, 0)
     return values, np.concatenate([*shown, coloured], axis=1)
+
+
+def turned(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:
+    """A lat-long map as it looks when its light is turned, read between pixels."""
+    flat = envmap.to_latlong(min(len(envmap.image), 512))
+    rows = len(flat.image)
+    towards = latlong_directions(rows, 2 * rows) @ rotation  # R^T w
+    image = np.asarray(panorama_at(jnp.asarray(flat.radiance), jnp.asarray(towards)))
+    return dataclasses.replace(flat, radiance=image, image=image)
 
 
 def progress_display(quiet: bool) -> Progress:

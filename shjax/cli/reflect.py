@@ -14,21 +14,23 @@ from rich.console import Console
 from shjax import brdf as brdfs
 from shjax import io, render
 from shjax.brdf import Brdf
+from shjax.cli.material import run_material
 from shjax.cli.options import (
+    Material,
     brdf_option,
     invalid_option,
     layout_option,
+    maps_option,
+    material_option,
     max_bytes_option,
     rms_error_option,
     rotate_option,
 )
-from shjax.cli.pictures import FRAME, compare, header, progress_display
+from shjax.cli.pictures import FRAME, compare, header, progress_display, turned
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
 from shjax.io.writing import check_folder
 from shjax.model import Model, choose_model
-from shjax.render.shading import panorama_at
-from shjax.sphere import latlong_directions
 
 SCHEMA = "shjax.reflect/1"
 PANELS = "by the model | by the exact integral | their difference"
@@ -43,6 +45,8 @@ STEPS = 4
     help="Folder for the results; made if it is missing.",
 )  # fmt: skip
 @brdf_option
+@material_option
+@maps_option
 @rms_error_option
 @max_bytes_option
 @click.option(
@@ -58,6 +62,8 @@ def reflect(
     env: Path | None,
     out: Path,
     brdf: Brdf,
+    material: Material | None,
+    maps: str,
     rms_error: float,
     max_bytes: int,
     size: int,
@@ -71,14 +77,20 @@ def reflect(
 
     ENV is an environment map; left out, the panorama that comes with shjax. The model is
     the one that takes the fewest bytes among coefficients over the normal, a radial map,
-    a map without azimuth and the spherical harmonic reflection map, with a predicted
-    error over all orientations and views that is small enough. Its error is then measured
-    against the integral (over ENV averaged to 256 x 128).
+    a map without azimuth, the spherical harmonic reflection map and one in a view basis
+    fitted to the material, with a predicted error over all orientations and views that is
+    small enough. Its error is then measured against the integral (over ENV averaged to
+    256 x 128).
+
+    With --material the light is prefiltered once for every roughness and reflectance
+    (the lighting layer), and --rms-error and --max-bytes do not count.
 
     \b
     DIR receives
       NAME_reflect.json   the model and why, errors predicted and measured
       NAME_shrm.exr       its map, a layer a coefficient (p1q-1.R, p1q-1.G, ...)
+      NAME_light.exr      with --material: the prefiltered light; with NAME_light.json
+                          it is all that a shader needs, which that file describes
       NAME_spheres.exr    a sphere: by the model; by the exact integral; their
                           difference (.png: red too bright, blue too dark, full
                           colour at a tenth of white)
@@ -88,7 +100,10 @@ def reflect(
       shjax reflect --brdf "ggx alpha=0.4 f0=1" --rms-error 0.1 --out results
       shjax reflect studio.exr --out results \\
         --brdf "lambertian albedo=0.5 + 0.3 * phong_cosine exponent=30"
+      shjax reflect --material roughness=0.4,metallic=1,albedo=1,0.8,0.4 --out results
     """
+    if material is not None and material.mesh:
+        raise click.UsageError("--material mesh needs a mesh; use shjax render.")
     path = env or io.shipped_panorama()
     check_folder(out)
     with progress_display(quiet) as progress:
@@ -99,10 +114,17 @@ def reflect(
 
         step("reading")
         envmap = io.read_envmap(path, layout=layout, invalid=invalid)
-        result, model = run(
-            envmap, brdf, out, path.stem, rms_error=rms_error, max_bytes=max_bytes,
-            size=size, rotation=rotate, step=step,
-        )  # fmt: skip
+        if rotate is not None:
+            envmap = turned(envmap, rotate)
+        if material is None:
+            result = run(
+                envmap, brdf, out, path.stem, rms_error=rms_error, max_bytes=max_bytes,
+                size=size, step=step,
+            )  # fmt: skip
+        else:
+            result = run_material(
+                envmap, material, int(maps), out, path.stem, size=size, step=step
+            )
     result = {"schema": SCHEMA, "source": str(path), **result}
     file = out / f"{path.stem}_reflect.json"
     result["files"]["reflect.json"] = str(file)
@@ -110,7 +132,7 @@ def reflect(
     if as_json and not quiet:
         print(json.dumps(result), flush=True)
     elif not quiet:
-        _print(Console(), result, model, envmap.report)
+        _print(Console(), result, envmap.report)
 
 
 def run(
@@ -122,13 +144,10 @@ def run(
     rms_error: float,
     max_bytes: int,
     size: int,
-    rotation: np.ndarray | None,
     step,
-) -> tuple[dict, Model]:
-    """Choose, measure, draw and write; returns the JSON's content and the model."""
+) -> dict:
+    """Choose, measure, draw and write; returns the JSON's content."""
     step("choosing")
-    if rotation is not None:
-        envmap = _turned(envmap, rotation)
     small = envmap.to_latlong(EXACT_ROWS)
     panorama = jnp.asarray(small.radiance)
     model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)
@@ -160,7 +179,8 @@ def run(
         if model.diffuse is None
         else np.asarray(model.diffuse, float).tolist(),
     }
-    result["lights"] = _lights(model)
+    lights = model.lights
+    result["lights"] = [] if lights is None else io.lights_as_json(lights)
     about = header(envmap.report.source, units="radiance", model=model.message)
     files = {
         name: str(out / f"{stem}_{name}") for name in ("spheres.exr", "spheres.png")
@@ -173,28 +193,17 @@ def run(
         io.write_image(
             files["shrm.exr"],
             maps.reshape(*maps.shape[:2], -1),
-            attributes={**about, "coefficients": "over the view in R's frame, Y_pq"},
+            attributes={**about, "coefficients": "over the view in R's frame"},
             channels=layer_names(model),
         )
-    return {**result, "files": files}, model
-
-
-def _lights(model: Model) -> list[dict]:
-    """The small lights that are in no map: centre, half angle in degrees, flux."""
-    if model.lights is None:
-        return []
-    rows = zip(
-        np.asarray(model.lights.directions, float).tolist(),
-        np.degrees(np.asarray(model.lights.angles, float)).tolist(),
-        np.asarray(model.lights.flux, float).tolist(),
-        strict=True,
-    )
-    return [{"direction": d, "half_angle": a, "flux": f} for d, a, f in rows]
+    return {**result, "files": files}
 
 
 def layer_names(model: Model) -> list[str]:
     """Channels of the map's EXR: ``p1q-1.R`` and so on, in the order of its axes."""
-    if model.kind == "shrm":
+    if model.kind == "adapted":
+        layers = [f"k{k}q{q}" for k, q in enumerate(model.view_basis.orders)]
+    elif model.kind == "shrm":
         pairs = zip(degrees(model.p_max), orders(model.p_max), strict=True)
         layers = [f"p{p}q{q}" for p, q in pairs]
     else:
@@ -206,25 +215,20 @@ def layer_names(model: Model) -> list[str]:
     return [f"{layer}.{name}" for layer in layers for name in names]
 
 
-def _turned(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:
-    """A lat-long map as it looks when its light is turned, read between pixels."""
-    flat = envmap.to_latlong(min(len(envmap.image), 512))
-    rows = len(flat.image)
-    towards = latlong_directions(rows, 2 * rows) @ rotation  # R^T w
-    image = np.asarray(panorama_at(jnp.asarray(flat.radiance), jnp.asarray(towards)))
-    return dataclasses.replace(flat, radiance=image, image=image)
-
-
-def _print(console: Console, result: dict, model: Model, report: Report) -> None:
+def _print(console: Console, result: dict, report: Report) -> None:
     console.print(str(report), style="bold", markup=False)
-    console.print(f"BRDF: {result['brdf']}", highlight=False, markup=False)
-    console.print(f"\n[bold]model[/]  {model.message}", highlight=False)
+    if "brdf" in result:
+        console.print(f"BRDF: {result['brdf']}", highlight=False, markup=False)
+    console.print(f"\n[bold]model[/]  {result['why']}", highlight=False)
     rms, own = result["measured_rms_error"], result["measured_standard_error"]
     console.print(
         f"[bold]measured[/]  {rms:.2%} +- {own:.2%} rms ({rms**2:.2%} energy) at 2048 "
         "orientations and views, against the integral",
         highlight=False,
     )
-    console.print(f"\nspheres: {PANELS}\nwritten:", highlight=False)
+    console.print(
+        "\nspheres: by the model | by the exact integral | their difference\nwritten:",
+        highlight=False,
+    )
     for name in result["files"].values():
         console.print(f"  {name}", highlight=False, markup=False)

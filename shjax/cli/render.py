@@ -5,24 +5,31 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import click
+import jax
 import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
 from shjax import io, render
 from shjax.brdf import Brdf
+from shjax.cli.material import describe
 from shjax.cli.options import (
+    Material,
     brdf_option,
     invalid_option,
     layout_option,
+    maps_option,
+    material_option,
     max_bytes_option,
     rms_error_option,
 )
 from shjax.cli.pictures import FRAME, as_rgb, header, progress_display
 from shjax.display import tone_map
+from shjax.ibl import PrefilteredLight, prefilter_light
 from shjax.io.writing import check_folder
 from shjax.model import Model, choose_model
 from shjax.render import Camera, GBuffer
@@ -40,6 +47,8 @@ TURNS = {"z": np.eye(3), "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])}
     help="Folder for the results; made if it is missing.",
 )  # fmt: skip
 @brdf_option
+@material_option
+@maps_option
 @rms_error_option
 @max_bytes_option
 @click.option(
@@ -79,6 +88,8 @@ def render_command(
     env: Path | None,
     out: Path,
     brdf: Brdf,
+    material: Material | None,
+    maps: str,
     rms_error: float,
     max_bytes: int,
     size: int,
@@ -93,10 +104,12 @@ def render_command(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Draw a mesh (OBJ, OFF, PLY) under an environment map.
+    """Draw a mesh (OBJ, OFF, PLY, glTF) under an environment map.
 
     The mesh is centred and scaled to radius 1. The light is distant: nothing casts a
-    shadow. Needs trimesh and embreex (pip install 'shjax[mesh]').
+    shadow. --brdf is drawn by the least model for --rms-error; --material by the lighting
+    layer, which takes textures (--material mesh). Needs trimesh and embreex (pip install
+    'shjax[mesh]').
 
     \b
     DIR receives
@@ -110,6 +123,7 @@ def render_command(
       shjax render spot.obj --brdf "ggx alpha=0.3 f0=0.9" --out results
       shjax render bunny.off studio.exr --turntable 60 --out results \\
         --brdf "lambertian albedo=0.5,0.2,0.1 + ggx alpha=0.2 f0=0.04"
+      shjax render helmet.glb --material mesh --out results
     """
     path = env or io.shipped_panorama()
     check_folder(out)
@@ -118,19 +132,18 @@ def render_command(
     geometry = _placed(load_mesh(mesh), up)
     envmap = io.read_envmap(path, layout=layout, invalid=invalid)
     panorama = jnp.asarray(_as_latlong(envmap))
-    model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)
+    if material is None:
+        model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)
+        about, shading, textured = _of_model(model, brdf), _by_model(model), False
+    else:
+        light = prefilter_light(envmap, maps=int(maps))
+        about, shading = _of_material(light, material), _by_material(light, material)
+        textured = material.mesh
     settings = {
         "schema": SCHEMA, "mesh": str(mesh), "source": str(path),
         "report": dataclasses.asdict(envmap.report), "frame": FRAME, "size": size,
         "up": up, "azimuth": azimuth, "elevation": elevation, "fov": fov,
-        "turntable": turntable, "background": background, "model": model.kind,
-        "l_max": model.l_max, "p_max": model.p_max, "why": model.message,
-        "predicted_rms_error": model.predicted_rms_error, "met": model.met,
-        "brdf": [p.model.name for p in brdf.parts],
-        "parameters": [
-            {k: np.asarray(v, float).ravel()[:64].tolist() for k, v in p.parameters.items()}
-            for p in brdf.parts
-        ],
+        "turntable": turntable, "background": background, **about,
         "inputs": [_stamp(mesh), _stamp(path)],
     }  # fmt: skip
     record = out / f"{mesh.stem}_render.json"
@@ -146,10 +159,11 @@ def render_command(
             if not (again and all(Path(name).exists() for name in names)):
                 angle = azimuth + 360 * frame / turntable
                 camera = _camera(angle, elevation, fov)
-                picture = draw(geometry, camera, size, model, panorama, background)
+                trace = trace_mesh(geometry, camera, size, material=textured)
+                picture = draw(trace.gbuffer, shading, camera, panorama, background)
                 white = white or _white(panorama, picture, background)
-                about = header(path.name, units="radiance", model=model.message)
-                io.write_image(names[0], picture, attributes=about)
+                notes = header(path.name, units="radiance", model=about["why"])
+                io.write_image(names[0], picture, attributes=notes)
                 io.write_image(names[1], as_rgb(tone_map(picture, white=white)))
             progress.update(task, advance=1)
     if as_json and not quiet:
@@ -157,20 +171,82 @@ def render_command(
     elif not quiet:
         console = Console()
         console.print(str(envmap.report), style="bold", markup=False)
-        console.print(f"[bold]model[/]  {model.message}", highlight=False)
+        console.print(f"[bold]model[/]  {about['why']}", highlight=False)
         console.print("written:", highlight=False)
         for name in [*files[:4], *(["..."] if len(files) > 4 else []), str(record)]:
             console.print(f"  {name}", highlight=False, markup=False)
 
 
+Shading = Callable[[GBuffer], jax.Array]
+
+
+def _of_model(model: Model, brdf: Brdf) -> dict:
+    """What the record says of a chosen model."""
+    return {
+        "model": model.kind,
+        "l_max": model.l_max,
+        "p_max": model.p_max,
+        "why": model.message,
+        "predicted_rms_error": model.predicted_rms_error,
+        "met": model.met,
+        "brdf": [part.model.name for part in brdf.parts],
+        "parameters": [
+            {
+                name: np.asarray(value, float).ravel()[:64].tolist()
+                for name, value in part.parameters.items()
+            }
+            for part in brdf.parts
+        ],
+    }
+
+
+def _by_model(model: Model) -> Shading:
+    return lambda gbuffer: render.shade(gbuffer, model)
+
+
+def _of_material(light: PrefilteredLight, material: Material) -> dict:
+    """What the record says of the lighting layer."""
+    given = {k: np.asarray(v, float).tolist() for k, v in material.given.items()}
+    return {
+        "model": "lighting layer",
+        "maps": light.maps,
+        "why": describe(light),
+        "material": given,
+        "from_mesh": material.mesh,
+    }
+
+
+def _by_material(light: PrefilteredLight, material: Material) -> Shading:
+    """Shade by what was given; the rest comes from the mesh, or is the default."""
+
+    def shade(gbuffer: GBuffer) -> jax.Array:
+        def chosen(name: str, own):
+            if name in material.given or own is None or not material.mesh:
+                return jnp.asarray(material.value(name))
+            return own
+
+        albedo = chosen("albedo", gbuffer.albedo)
+        shape = (*gbuffer.mask.shape, light.texels.shape[-1])
+        coloured = dataclasses.replace(gbuffer, albedo=jnp.broadcast_to(albedo, shape))
+        return render.metallic_roughness(
+            coloured,
+            light,
+            roughness=chosen("roughness", gbuffer.roughness),
+            metallic=chosen("metallic", gbuffer.metallic),
+            f0=material.value("f0"),
+        )
+
+    return shade
+
+
 def draw(
-    geometry, camera: Camera, size: int, model: Model, panorama, behind: bool
+    gbuffer: GBuffer, shading: Shading, camera: Camera, panorama, behind: bool
 ) -> np.ndarray:
     """One linear picture, ``(size, size, C)``."""
-    gbuffer: GBuffer = trace_mesh(geometry, camera, size).gbuffer
-    picture = render.shade(gbuffer, model)
+    picture = shading(gbuffer)
     if behind:
-        light = render.background(panorama, camera, size)
+        height, width = gbuffer.mask.shape
+        light = render.background(panorama, camera, (height, width))
         picture = picture + light * (1 - gbuffer.mask[..., None])
     return np.asarray(picture, np.float32)
 

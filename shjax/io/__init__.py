@@ -13,4 +13,6 @@ from shjax.io.images import read_image as read_image
 from shjax.io.images import write_image as write_image
 from shjax.io.kernels import read_brdf_coefs as read_brdf_coefs
 from shjax.io.kernels import write_brdf_coefs as write_brdf_coefs
+from shjax.io.prefiltered import lights_as_json as lights_as_json
+from shjax.io.prefiltered import write_prefiltered as write_prefiltered
 from shjax.io.writing import write_text as write_text

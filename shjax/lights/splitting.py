@@ -74,7 +74,7 @@ def split_lights(
 @functools.partial(jax.jit, static_argnames=("max_lights",))
 def take_lights(
     radiance: Float[Array, "H W C"], *, max_lights: int
-) -> tuple[CapLights, Float[jax.Array, "H W C"]]:
+) -> tuple[CapLights, Float[Array, "H W C"]]:
     """:func:`split_lights` of an array; lights that were not found have no flux.
 
     Args:

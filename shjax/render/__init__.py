@@ -13,6 +13,7 @@ from shjax.render.shading import background as background
 from shjax.render.shading import glossy as glossy
 from shjax.render.shading import lambertian as lambertian
 from shjax.render.shading import lambertian_reference as lambertian_reference
+from shjax.render.shading import metallic_roughness as metallic_roughness
 from shjax.render.shading import mirrored as mirrored
 from shjax.render.shading import panorama_at as panorama_at
 from shjax.render.shading import reference as reference

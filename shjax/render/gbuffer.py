@@ -16,7 +16,15 @@ from shjax.sphere import normalize
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("normals", "mask", "views", "albedo", "tangents"),
+    data_fields=(
+        "normals",
+        "mask",
+        "views",
+        "albedo",
+        "tangents",
+        "roughness",
+        "metallic",
+    ),
     meta_fields=(),
 )
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +37,8 @@ class GBuffer:
         views: Unit vectors to the camera ``(H, W, 3)``; zero where nothing is seen.
         albedo: ``(H, W, 1)`` or ``(H, W, C)``.
         tangents: Unit tangents ``(H, W, 3)``, or None.
+        roughness: glTF's, in [0, 1], ``(H, W)``, or None.
+        metallic: In [0, 1], ``(H, W)``, or None.
     """
 
     normals: Float[Array, "H W 3"]
@@ -36,6 +46,8 @@ class GBuffer:
     views: Float[Array, "H W 3"]
     albedo: Float[Array, "H W A"]
     tangents: Float[Array, "H W 3"] | None = None
+    roughness: Float[Array, "H W"] | None = None
+    metallic: Float[Array, "H W"] | None = None
 
 
 def make_gbuffer(

@@ -18,9 +18,11 @@ from jaxtyping import Bool, Float
 from shjax.arrays import Array, check_vectors
 from shjax.render.camera import Camera, camera_rays, check_camera
 from shjax.render.gbuffer import GBuffer
+from shjax.render.textures import surface_of
 
 _LEAST_COSINE = 0.02  # interpolated normals that turn away are bent to be seen
 _RAYS_AT_ONCE = 2**20
+_SURFACE = "shjax_surface"  # where a mesh's own material is kept
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class Trace:
 
 
 def load_mesh(path: str | os.PathLike) -> Any:
-    """Read OBJ, OFF, PLY or what else trimesh reads, as one mesh with smooth normals.
+    """Read OBJ, OFF, PLY, glTF or what else trimesh reads, as one mesh with smooth normals.
 
     Raises:
         ImportError: If trimesh is not installed.
@@ -54,6 +56,7 @@ def load_mesh(path: str | os.PathLike) -> Any:
         mesh = trimesh.load_mesh(path, process=False)
         if not isinstance(mesh, trimesh.Trimesh):
             mesh = mesh.to_mesh()
+        surface = surface_of(mesh)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
     except Exception as error:  # readers of many formats raise what they like
         raise ValueError(f"{path}: trimesh cannot read it ({error}).") from error
@@ -62,6 +65,7 @@ def load_mesh(path: str | os.PathLike) -> Any:
         raise ValueError(
             f"{path}: holds no triangles, or vertices that are not finite."
         )
+    mesh.metadata[_SURFACE] = surface
     return mesh
 
 
@@ -83,6 +87,7 @@ def mesh(
     *,
     samples: int = 4,
     albedo: float = 1.0,
+    material: bool = False,
 ) -> GBuffer:
     """The G-buffer of a mesh: :func:`trace_mesh` without the rest.
 
@@ -92,13 +97,17 @@ def mesh(
         size: Pixels of a square picture, or (height, width).
         samples: Rays along each side of a pixel.
         albedo: Of the whole mesh.
+        material: Whether albedo, roughness and metallic come from the file: glTF's
+            textures and factors, or what trimesh makes of others.
 
     Raises:
         ImportError: If trimesh is not installed.
         OSError: If the file cannot be opened.
-        ValueError: If it cannot be read, or a size is not positive.
+        ValueError: If it cannot be read, a size is not positive, or it has no material.
     """
-    return trace_mesh(path, camera, size, samples=samples, albedo=albedo).gbuffer
+    return trace_mesh(
+        path, camera, size, samples=samples, albedo=albedo, material=material
+    ).gbuffer
 
 
 def trace_mesh(
@@ -108,6 +117,7 @@ def trace_mesh(
     *,
     samples: int = 4,
     albedo: float = 1.0,
+    material: bool = False,
 ) -> Trace:
     """Cast ``samples x samples`` rays through every pixel at a mesh.
 
@@ -117,6 +127,8 @@ def trace_mesh(
         size: Pixels of a square picture, or (height, width).
         samples: Rays along each side of a pixel.
         albedo: Of the whole mesh.
+        material: Whether albedo, roughness and metallic come from the file: glTF's
+            textures and factors, or what trimesh makes of others.
 
     Returns:
         G-buffer (in JAX's default floating-point type), positions and the mesh.
@@ -124,14 +136,18 @@ def trace_mesh(
     Raises:
         ImportError: If trimesh is not installed.
         OSError: If the file cannot be opened.
-        ValueError: If it cannot be read, or a size is not positive.
+        ValueError: If it cannot be read, a size is not positive, or it has no material.
     """
     height, width = (size, size) if isinstance(size, int) else size
     if height < 1 or width < 1 or samples < 1:
         raise ValueError(f"size and samples must be positive; got {size}, {samples}.")
     check_camera(camera)
     geometry = load_mesh(path) if isinstance(path, (str, os.PathLike)) else path
+    surface = geometry.metadata.get(_SURFACE) if material else None
+    if material and surface is None:
+        raise ValueError(f"material must be in the file; {path} has none.")
     normals, positions = np.zeros((height * width, 3)), np.zeros((height * width, 3))
+    own = np.zeros((height * width, 5))
     hits = np.zeros(height * width)
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
     for down in offsets:
@@ -142,6 +158,8 @@ def trace_mesh(
             normals[found.rays] += found.normals
             positions[found.rays] += found.points
             hits[found.rays] += 1
+            if surface is not None:
+                own[found.rays] += surface.at(found.faces, found.shares)
     _, centre = camera_rays(height, width, camera)
     views = -np.asarray(centre, float).reshape(-1, 3)
     seen = hits > 0
@@ -152,11 +170,15 @@ def trace_mesh(
     def picture(values):
         return jnp.asarray(values.reshape(height, width, *values.shape[1:]), dtype)
 
+    own = picture(own / np.maximum(hits, 1)[:, None])
+    plain = jnp.full((height, width, 1), albedo, dtype)
     gbuffer = GBuffer(
         picture(normals),
         picture(hits / samples**2),
         picture(np.where(seen[:, None], views, 0)),
-        jnp.full((height, width, 1), albedo, dtype),
+        plain if surface is None else own[..., :3],
+        roughness=None if surface is None else own[..., 3],
+        metallic=None if surface is None else own[..., 4],
     )
     return Trace(gbuffer, positions.reshape(height, width, 3), geometry)
 
@@ -166,6 +188,8 @@ class _Hits:
     rays: np.ndarray
     points: np.ndarray
     normals: np.ndarray
+    faces: np.ndarray
+    shares: np.ndarray  # barycentric
 
 
 def _first_hits(geometry, origins: np.ndarray, directions: np.ndarray) -> _Hits:
@@ -175,7 +199,8 @@ def _first_hits(geometry, origins: np.ndarray, directions: np.ndarray) -> _Hits:
     )
     faces, rays = np.asarray(faces, int), np.asarray(rays, int)
     if not rays.size:
-        return _Hits(rays, np.zeros((0, 3)), np.zeros((0, 3)))
+        none = np.zeros((0, 3))
+        return _Hits(rays, none, none, faces, none)
     corners = np.asarray(geometry.triangles)[faces]
     shares = _barycentric(corners, np.asarray(points))
     smooth = np.asarray(geometry.vertex_normals)[np.asarray(geometry.faces)[faces]]
@@ -185,7 +210,8 @@ def _first_hits(geometry, origins: np.ndarray, directions: np.ndarray) -> _Hits:
     normals = np.where(length > 1e-6, normals / np.maximum(length, 1e-6), flat)
     # A sheet is seen from both sides.
     behind = np.sum(flat * directions[rays], axis=1) > 0
-    return _Hits(rays, np.asarray(points), np.where(behind[:, None], -normals, normals))
+    normals = np.where(behind[:, None], -normals, normals)
+    return _Hits(rays, np.asarray(points), normals, faces, shares)
 
 
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

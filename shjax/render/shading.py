@@ -11,6 +11,7 @@ References:
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,8 @@ from shjax import shrm
 from shjax.angular import reference_reflection
 from shjax.arrays import Array
 from shjax.brdf import Brdf
+from shjax.ibl import PrefilteredLight
+from shjax.ibl import shade as shade_points
 from shjax.irradiance import irradiance
 from shjax.model import Model
 from shjax.reference import reference_irradiance_samples
@@ -134,6 +137,41 @@ def shade(gbuffer: GBuffer, model: Model) -> Float[jax.Array, "H W C"]:
     """
     values = model.radiance(gbuffer.normals, gbuffer.views, tangents=gbuffer.tangents)
     return _covered(gbuffer, values)
+
+
+def metallic_roughness(
+    gbuffer: GBuffer,
+    light: PrefilteredLight,
+    *,
+    roughness: Float[Array, "H W"] | float | None = None,
+    metallic: Float[Array, "H W"] | float | None = None,
+    f0: Any = 0.04,
+) -> Float[jax.Array, "H W C"]:
+    """A picture of glTF's material under a prefiltered light (:func:`shjax.shade`).
+
+    Args:
+        gbuffer: What the picture shows; its albedo is the base colour.
+        light: From :func:`shjax.prefilter_light`.
+        roughness: A number or one a pixel; default the G-buffer's.
+        metallic: The same; default the G-buffer's, or 0.
+        f0: Reflectance of the dielectric at normal incidence.
+
+    Returns:
+        The picture, ``(H, W, C)``, times the coverage.
+
+    Raises:
+        ValueError: If neither the call nor the G-buffer has a roughness.
+    """
+    rough = gbuffer.roughness if roughness is None else roughness
+    metal = gbuffer.metallic if metallic is None else metallic
+    if rough is None:
+        raise ValueError("roughness must be given: the G-buffer has none.")
+    values = shade_points(
+        light, gbuffer.normals, gbuffer.views, albedo=gbuffer.albedo, roughness=rough,
+        metallic=0.0 if metal is None else metal, f0=f0,
+    )  # fmt: skip
+    mask = jnp.broadcast_to(gbuffer.mask[..., None], values.shape).astype(values.dtype)
+    return jnp.where(mask == 0, 0, values * mask)
 
 
 def reference(

@@ -183,7 +183,11 @@ def prefilter_kernels(
         n_phi: Columns. Static.
     """
     return maps_on_grid(
-        lighting, kernels, orders, latlong_theta(n_theta), latlong_phi(n_phi)
+        jnp.asarray(lighting),
+        jnp.asarray(kernels),
+        orders,
+        latlong_theta(n_theta),
+        latlong_phi(n_phi),
     )
 
 
