@@ -72,6 +72,7 @@ def test_kinds_are_what_the_material_needs(rng, dtype):
         "radial": (brdf.phong(20.0), 0.01),
         "q=0": (brdf.kajiya_kay(12.0), 0.05),
         "shrm": (brdf.gaussian_microfacet(0.4), 0.01),
+        "adapted": (brdf.ggx(0.4, 0.04), 0.03),
     }
     assert set(kinds) == set(KINDS)
     for kind, (model, asked) in kinds.items():

@@ -41,7 +41,7 @@ class Adapted:
     kernels: Float[Array, "L maps C"]
     views: AdaptedViews
     energy: Float[Array, "L C"]
-    tests: tuple[Float[Array, "k O"], ...]
+    tests: tuple[Array, ...]
 
     @property
     def lost(self) -> Float[jax.Array, "L C"]:

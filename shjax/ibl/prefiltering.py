@@ -170,8 +170,9 @@ def _prefiltered(
     """From coefficients of all the light and of what the small lights leave."""
     front, kept = whole.shape[:-2], (DEGREES[-1] + 1) ** 2
     if front:
+        count = math.prod(front)
         flat = jax.tree.map(
-            lambda a: a.reshape(-1, *a.shape[len(front) :]), (whole, rest, lights)
+            lambda a: a.reshape(count, *a.shape[len(front) :]), (whole, rest, lights)
         )
         many = jax.lax.map(lambda one: _one_light(one[0], one[1], one[2], maps), flat)
         return jax.tree.map(lambda a: a.reshape(*front, *a.shape[1:]), many)

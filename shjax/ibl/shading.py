@@ -35,7 +35,7 @@ from shjax.view_basis import halfway
 def shade(
     light: PrefilteredLight,
     normals: Float[Array, "*points 3"],
-    views: Float[Array, "*points 3"],
+    views: Float[Array, "*others 3"],
     *,
     albedo,
     roughness,
@@ -85,7 +85,8 @@ def shade(
     front = texels.shape[:-3]
     if not front:
         return _in_blocks(light, flat).reshape(*points, channels)
-    many = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(front) :]), light)
+    count = math.prod(front)
+    many = jax.tree.map(lambda a: a.reshape(count, *a.shape[len(front) :]), light)
     shaded = jax.lax.map(lambda one: _in_blocks(one, flat), many)
     return shaded.reshape(*front, *points, channels)
 

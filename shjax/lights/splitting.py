@@ -142,7 +142,7 @@ def _take_one(image: jax.Array, whole: jax.Array, grid: _Band):
     core = _connected(near & (shade > _SHARE_OF_PEAK * brightest), seed)
     amount = jnp.where(core, shade * solid[:, None], 0)
     middle = normalize(jnp.sum(amount[..., None] * pixels, axis=(0, 1)))
-    around = _surroundings(jax.lax.stop_gradient(image), middle)
+    around = _surroundings(image, jax.lax.stop_gradient(middle))
     level = luminance(around)
     excess = brightest - level
     away = fall(middle)
@@ -189,7 +189,9 @@ def _surroundings(image: jax.Array, axis: jax.Array) -> jax.Array:
     row = jnp.clip((theta * (height / np.pi)).astype(jnp.int32), 0, height - 1)
     column = (np.pi - phi) * (width / (2 * np.pi))
     column = jnp.clip(column.astype(jnp.int32), 0, width - 1)
-    return jnp.median(image[row, column].reshape(-1, channels), axis=0)
+    ranked = jnp.sort(image[row, column].reshape(-1, channels), axis=0)
+    half = _RINGS * _SPOKES // 2
+    return (ranked[half - 1] + ranked[half]) / 2
 
 
 def _moments(flux: jax.Array, pixels: jax.Array, solid: jax.Array, found):
