@@ -71,7 +71,7 @@ def test_kinds_are_what_the_material_needs(rng, dtype):
         "irradiance": (brdf.lambertian(0.5), 0.1),
         "radial": (brdf.phong(20.0), 0.01),
         "q=0": (brdf.kajiya_kay(12.0), 0.05),
-        "shrm": (brdf.gaussian_microfacet(0.4), 0.01),
+        "shrm": (brdf.lafortune([0.6], [1.0], [3.0]), 0.001),
         "adapted": (brdf.ggx(0.4, 0.04), 0.03),
     }
     assert set(kinds) == set(KINDS)

@@ -25,7 +25,9 @@ import numpy as np
 from shjax.arrays import in_blocks
 from shjax.harmonics import wigner
 from shjax.harmonics.tables import cached
+from shjax.sphere import latlong_phi
 
+_LEAST_TRANSFORM = 64  # orders from which an FFT is faster than a product
 HIGHEST = 128  # above, the eigenvectors of all degrees are too large to hold
 
 einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
@@ -70,37 +72,37 @@ def torus_series(
     """
     size, dtype = kernels.shape[0], kernels.dtype
     q = np.array(orders)
-    sines = q < 0
     half = _half_series(size - 1)
-    m, k = np.arange(size), np.arange(size)
+    m = np.arange(size)
     waves = _by_order(lighting, size)  # [l, m, t, c]
-    series = []
+    # For the sines (cos mb, sin mb) go with (L_-m, -L_m).
+    turned = (waves, jnp.stack([waves[:, :, 1], -waves[:, :, 0]], axis=2))
+    series, places = [], []
     for block in (0, 1):
-        chosen = np.flatnonzero(sines == bool(block))
-        if not chosen.size:
-            continue
-        some, orders_here = half[block], np.abs(q[chosen])
-        # d_mq(a) = s_m s_q sum_k 2 V_mk V_qk (cos | sin | -sin) k a
-        known = np.minimum(orders_here, size - 1)
-        into = some[:, known, :].transpose(0, 2, 1) * _sign(orders_here)  # [l, k, j]
-        into = into * (orders_here < size)  # no degree has the others
-        into = into * np.where(k == 0, 1, 2)[:, None]
-        weighted = einsum(
-            "lkj,ljc->lkjc", jnp.asarray(into, dtype), jnp.take(kernels, chosen, axis=1)
-        )
-        out = jnp.asarray(some * _sign(m)[:, None], dtype)  # [l, m, k]
-        # For the sines (cos mb, sin mb) go with (L_-m, -L_m).
-        turned = (
-            jnp.stack([waves[:, :, 1], -waves[:, :, 0]], axis=2) if block else waves
-        )
-        product = einsum("lmk,lmtc,lkjc->kmtjc", out, turned, weighted)
-        flip = (m[:, None] % 2 == 0) & (orders_here % 2 == 1)
-        flip = jnp.asarray(np.where(flip, -1, 1), dtype)[None, :, None, :, None]
-        series.append((chosen, product * jnp.broadcast_to(flip, product.shape)))
-    if len(series) == 1:
-        return series[0][1]
-    back = np.argsort(np.concatenate([chosen for chosen, _ in series]))
-    return jnp.take(jnp.concatenate([s for _, s in series], axis=3), back, axis=3)
+        out = jnp.asarray(half[block] * _sign(m)[:, None], dtype)  # [l, m, k]
+        for order in sorted({abs(k) for k in orders if (k < 0) == bool(block)}):
+            maps = np.flatnonzero((np.abs(q) == order) & ((q < 0) == bool(block)))
+            known = min(order, size - 1)
+            # d_mq(a) = s_m s_q sum_k 2 V_mk V_qk (cos | sin | -sin) k a
+            into = half[block][:, known] * _sign(order) * np.where(m == 0, 1, 2)
+            into = into * (order < size)  # no degree has higher orders
+            both = out * jnp.broadcast_to(
+                jnp.asarray(into, dtype)[:, None, :], out.shape
+            )
+            some = jnp.take(kernels, maps, axis=1)
+            lit = einsum("lmtc,ljc->mltjc", turned[block], some)
+            product = einsum("lmk,mltjc->mktjc", both, lit)
+            if order % 2:
+                flip = jnp.asarray(np.where(m % 2 == 0, -1, 1), dtype)
+                flip = flip[:, None, None, None, None]
+                product = product * jnp.broadcast_to(flip, product.shape)
+            series.append(product)
+            places.append(maps)
+    whole = series[0] if len(series) == 1 else jnp.concatenate(series, axis=3)
+    back = np.argsort(np.concatenate(places))
+    if np.any(back != np.arange(back.size)):
+        whole = jnp.take(whole, back, axis=3)
+    return jnp.moveaxis(whole, 0, 1)
 
 
 def _by_order(lighting: jax.Array, size: int) -> jax.Array:
@@ -162,16 +164,16 @@ def maps_on_grid(
     kernels: jax.Array,
     orders: tuple[int, ...],
     theta: np.ndarray,
-    phi: np.ndarray,
+    columns: int,
 ) -> jax.Array:
-    """All maps on rings and columns: ``(n_theta, n_phi, J, C)``.
+    """All maps on rings and a lat-long map's columns: ``(n_theta, n_phi, J, C)``.
 
     Args:
         lighting: ``(K, C)``.
         kernels: ``(F + 1, J, C)``.
         orders: Signed q of each map. Static.
         theta: Polar angles of the rings, known when tracing.
-        phi: Azimuths of the columns, known when tracing.
+        columns: How many (:func:`shjax.sphere.latlong_phi`).
     """
     size, dtype = kernels.shape[0], kernels.dtype
     series = torus_series(lighting, kernels, orders)
@@ -179,13 +181,32 @@ def maps_on_grid(
     rows = over_theta(
         series, orders, *(jnp.asarray(f(angle), dtype) for f in (np.cos, np.sin))
     )
-    angle = phi[:, None] * np.arange(size)
-    waves = jnp.asarray(np.stack([np.cos(angle), np.sin(angle)], axis=-1), dtype)
     maps, channels = len(orders), kernels.shape[-1]
-    rows = rows.reshape(theta.size, 2 * size, maps * channels)
-    waves = waves.reshape(phi.size, 2 * size)
-    values = einsum("bm,amx->abx", waves, rows)
-    return values.reshape(theta.size, phi.size, maps, channels)
+    rows = rows.reshape(theta.size, size, 2, maps * channels)
+    around = _by_transform if _LEAST_TRANSFORM <= size <= columns // 2 else _by_product
+    return around(rows, columns).reshape(theta.size, columns, maps, channels)
+
+
+def _by_product(rows: jax.Array, columns: int) -> jax.Array:
+    """Sum ``(n, m, t, x)`` over m and t at the columns of a map: ``(n, columns, x)``."""
+    count, size = rows.shape[:2]
+    angle = latlong_phi(columns)[:, None] * np.arange(size)
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    waves = jnp.asarray(waves.reshape(columns, 2 * size), rows.dtype)
+    return einsum("bm,amx->abx", waves, rows.reshape(count, 2 * size, -1))
+
+
+def _by_transform(rows: jax.Array, columns: int) -> jax.Array:
+    """The same by a real FFT: the columns run from pi - pi / n down by 2 pi / n."""
+    m = np.arange(rows.shape[1])
+    shift = np.exp(-1j * m * latlong_phi(columns)[0])
+    shift = shift * np.where(m == 0, 1, 0.5) * columns
+    kind = jnp.result_type(rows.dtype, jnp.complex64)
+    cosine, sine = (jnp.moveaxis(rows[:, :, t], 1, 2) for t in (0, 1))
+    shape = cosine.shape
+    turned = jnp.broadcast_to(jnp.asarray(shift, kind)[None, None], shape)
+    values = jnp.fft.irfft(jax.lax.complex(cosine, sine) * turned, n=columns)
+    return jnp.moveaxis(values, 2, 1)
 
 
 _POINTS_AT_ONCE = 256

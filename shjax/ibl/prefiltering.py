@@ -20,7 +20,7 @@ from shjax.harmonics.degrees import degree_of_coefs
 from shjax.harmonics.orientations import maps_on_grid
 from shjax.irradiance import irradiance_coefs
 from shjax.lights import CapLights, cap_coefs, split_lights
-from shjax.sphere import latlong_phi, latlong_theta
+from shjax.sphere import latlong_theta
 
 
 def level_shape(level: int) -> tuple[int, int]:
@@ -195,7 +195,7 @@ def _one_light(
             jnp.broadcast_to(kernels[..., None], (*kernels.shape, channels)),
             fit.orders,
             latlong_theta(rows),
-            latlong_phi(columns),
+            columns,
         )
         texels.append(jnp.moveaxis(found, 2, 0).reshape(maps, -1, channels))
     nine = jnp.pad(rest[:9], [(0, max(9 - rest.shape[0], 0)), (0, 0)])

@@ -226,9 +226,10 @@ def _caps(lights: CapLights, normals, views, alpha) -> _Caps:
         light_z = _dot(n, direction)
         lit = light_z > 0
         light_z = jnp.where(lit, light_z, 1)
-        half = Half(
-            *_about_normal(n, [a + b for a, b in zip(v, direction, strict=True)])
-        )
+        towards_both = [a + b for a, b in zip(v, direction, strict=True)]
+        # A light behind may face the view exactly: no half vector, no derivative.
+        parts = _about_normal(n, towards_both)
+        half = Half(*(jnp.where(lit, part, 1) for part in parts))
         lobe = distribution_masking(alpha, light_z, view_z, half) * light_z
         fresnel = schlick(half)
         given = (

@@ -84,12 +84,12 @@ def take_lights(
     height, width, channels = radiance.shape
     grid = _band(height, width)
     solid = jnp.asarray(latlong_solid_angles(height, width), radiance.dtype)
-    rows = jnp.sum(luminance(radiance), axis=1)
-    whole = jax.lax.stop_gradient(jnp.sum(rows * solid))
+    grey = luminance(jax.lax.stop_gradient(radiance))
+    whole = jnp.sum(jnp.sum(grey, axis=1) * solid)
 
-    def one(image, _):
-        light, image = _take_one(image, whole, grid)
-        return image, light
+    def one(state, _):
+        light, image, grey = _take_one(*state, whole, grid)
+        return (image, grey), light
 
     if not max_lights:
         empty = CapLights(
@@ -98,7 +98,7 @@ def take_lights(
             jnp.zeros((0, channels), radiance.dtype),
         )
         return empty, radiance
-    rest, lights = jax.lax.scan(one, radiance, None, length=max_lights)
+    (rest, _), lights = jax.lax.scan(one, (radiance, grey), None, length=max_lights)
     return CapLights(*lights), rest
 
 
@@ -116,11 +116,10 @@ def _band(height: int, width: int) -> _Band:
     return _Band(rows, np.cos(phi), np.sin(phi))
 
 
-def _take_one(image: jax.Array, whole: jax.Array, grid: _Band):
-    """Direction, height and flux of the brightest light, and the image without it."""
+def _take_one(image: jax.Array, grey: jax.Array, whole: jax.Array, grid: _Band):
+    """Direction, height and flux of the brightest light; image and grey without it."""
     height, width, channels = image.shape
     dtype = image.dtype
-    grey = luminance(jax.lax.stop_gradient(image))
     peak = jnp.argmax(grey)
     row, column = peak // width, peak % width
     first = jnp.clip(row - grid.rows // 2, 0, height - grid.rows)
@@ -156,7 +155,12 @@ def _take_one(image: jax.Array, whole: jax.Array, grid: _Band):
     direction, cap = _moments(luminance(taken) * solid[:, None], pixels, solid, found)
     taken = jnp.where(found, taken, 0)
     light = (direction, cap, jnp.where(found, flux, 0))
-    return light, jax.lax.dynamic_update_slice(image, band - taken, (first, 0, 0))
+    shade = luminance(jax.lax.stop_gradient(band - taken))
+    return (
+        light,
+        jax.lax.dynamic_update_slice(image, band - taken, (first, 0, 0)),
+        jax.lax.dynamic_update_slice(grey, shade, (first, 0)),
+    )
 
 
 def _height(angle: float) -> float:

@@ -154,7 +154,7 @@ def prefilter_in(
     theta, phi = latlong_theta(n_theta), latlong_phi(n_phi)
 
     def one(light, kernels):
-        maps = maps_on_grid(light, kernels, views.orders, theta, phi)
+        maps = maps_on_grid(light, kernels, views.orders, theta, n_phi)
         if frame == "local":
             return maps
         assert isinstance(views, HarmonicViews)  # only they turn
@@ -187,7 +187,7 @@ def prefilter_kernels(
         jnp.asarray(kernels),
         orders,
         latlong_theta(n_theta),
-        latlong_phi(n_phi),
+        n_phi,
     )
 
 
