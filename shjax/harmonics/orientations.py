@@ -200,12 +200,14 @@ def _by_transform(rows: jax.Array, columns: int) -> jax.Array:
     """The same by a real FFT: the columns run from pi - pi / n down by 2 pi / n."""
     m = np.arange(rows.shape[1])
     shift = np.exp(-1j * m * latlong_phi(columns)[0])
-    shift = shift * np.where(m == 0, 1, 0.5) * columns
-    kind = jnp.result_type(rows.dtype, jnp.complex64)
+    shift = shift * np.where(m == 0, 1, 0.5)
+    kind = np.result_type(rows.dtype, np.complex64)
     cosine, sine = (jnp.moveaxis(rows[:, :, t], 1, 2) for t in (0, 1))
     shape = cosine.shape
     turned = jnp.broadcast_to(jnp.asarray(shift, kind)[None, None], shape)
-    values = jnp.fft.irfft(jax.lax.complex(cosine, sine) * turned, n=columns)
+    values = jnp.fft.irfft(
+        jax.lax.complex(cosine, sine) * turned, n=columns, norm="forward"
+    )
     return jnp.moveaxis(values, 2, 1)
 
 
