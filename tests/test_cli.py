@@ -417,3 +417,68 @@ def test_reflect_and_render_refuse_in_one_line(tmp_path, arguments, words):
     assert finished.stderr.count("\n") == 1
     assert words in finished.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_light_splits_off_a_sun(tmp_path):
+    image = np.ones((64, 128, 3), np.float32)
+    image[20, 40] = [4000.0, 2000.0, 1000.0]
+    io.write_image(tmp_path / "sun.exr", image)
+    finished = shell(
+        "light", "sun.exr", "--split", "--size", "16", "--out", "out", "--json",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert finished.returncode == 0, finished.stderr
+    result = json.loads(finished.stdout)
+    (light,) = result["lights"]
+    stored = json.loads((tmp_path / "out" / "sun_lights.json").read_text())
+    assert stored["lights"] == [light]
+    assert stored["schema"] == "shjax.lights/1"
+    x, y, z = shjax.sphere.latlong_directions(64, 128)[20, 40]
+    assert light["azimuth"] == pytest.approx(np.degrees(np.arctan2(y, x)), abs=0.01)
+    assert light["elevation"] == pytest.approx(np.degrees(np.arcsin(z)), abs=0.01)
+    rest = io.read_image(tmp_path / "out" / "sun_rest.exr")
+    solid = shjax.sphere.latlong_solid_angles(64, 128)[:, None, None]
+    kept = np.sum(rest * solid, (0, 1)) + light["flux"]
+    np.testing.assert_allclose(kept, np.sum(image * solid, (0, 1)), rtol=1e-5)
+    np.testing.assert_allclose(rest, 1.0, atol=1e-4)
+
+
+def test_reflect_and_render_a_material(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    image = np.ones((32, 64, 3), np.float32)
+    image[:16] = [0.5, 1.0, 2.0]
+    io.write_image(tmp_path / "sky.exr", image)
+    finished = shell(
+        "reflect", "sky.exr", "--material", "roughness=0.5,metallic=1,albedo=1,0.8,0.4",
+        "--maps", "4", "--size", "16", "--out", "out", "--json", cwd=tmp_path,
+    )  # fmt: skip
+    assert finished.returncode == 0, finished.stderr
+    result = json.loads(finished.stdout)
+    assert result["model"] == "lighting layer"
+    assert result["maps"] == 4
+    np.testing.assert_allclose(result["material"]["albedo"], [1, 0.8, 0.4], rtol=1e-6)
+    difference = abs(result["measured_rms_error"] - result["predicted_rms_error"])
+    limit = 3 * result["measured_standard_error"] + 0.01
+    assert difference < limit
+    assert (tmp_path / "out" / "sky_light.json").exists()
+    for wrong, words in (
+        ("roughness=2", "roughness must lie in [0, 1]"),
+        ("roughness=0", "roughness must lie in (0, 1]"),
+        ("gloss=1", "'gloss=1' is not one of mesh"),
+        ("metallic=1,0", "metallic takes one number"),
+        ("mesh", "needs a mesh"),
+    ):
+        refused = shell("reflect", "--material", wrong, "--out", "out", cwd=tmp_path)
+        assert refused.returncode == 2
+        assert words in refused.stderr
+        assert "Traceback" not in refused.stderr
+    trimesh.creation.icosphere(subdivisions=2).export(tmp_path / "ball.ply")
+    drawn = shell(
+        "render", "ball.ply", "sky.exr", "--material", "roughness=0.5,albedo=0.2", "--size",
+        "24", "--maps", "4", "--out", "out", "--json", cwd=tmp_path,
+    )  # fmt: skip
+    assert drawn.returncode == 0, drawn.stderr
+    record = json.loads(drawn.stdout)
+    assert record["model"] == "lighting layer"
+    assert record["material"] == {"roughness": 0.5, "albedo": pytest.approx(0.2)}
+    assert np.all(np.isfinite(io.read_image(tmp_path / "out" / "ball.exr")))

@@ -1,5 +1,6 @@
 """Each experiment's claim, asserted on the run itself."""
 
+import jax
 import jax.numpy as jnp
 import mpmath
 import numpy as np
@@ -8,13 +9,15 @@ import pytest
 import shjax
 from experiments import (
     figures_5,
+    lighting_layer,
     prefiltering,
+    recovery,
     stability,
     table_4_1,
     table_5_4,
     table_5_5,
 )
-from experiments.alternatives import importance
+from experiments.alternatives import importance, split_sum
 from experiments.benchmarks import nine_coefficients, reflection_maps
 from shjax import brdf
 from tests.helpers import relative_error, unit_vectors
@@ -157,3 +160,63 @@ def test_reflection_maps_are_timed():
         result["bytes"]["local"]["temporary"] <= 2 * result["bytes"]["local"]["output"]
     )
     assert "dynamic map over product" in reflection_maps.table(result)
+
+
+def test_the_lighting_layer_beats_split_sum_and_the_harmonics(data):
+    """By the exact prediction, at three roughnesses."""
+    rows = lighting_layer.all_roughnesses(3)
+    for f0 in ("0.04", "1"):
+        errors = {name: row[f"mean {f0}"] for name, row in rows.items()}
+        assert errors["adapted 9"] < 0.5 * errors["thesis 9"]
+        assert errors["adapted 9"] < 0.25 * errors["split-sum"]
+        assert errors["adapted 21"] < errors["adapted 16"] < errors["adapted 9"]
+    assert rows["adapted 9"]["worst 0.04"] < 1.1 * 7.1
+    assert "adapted 9" in lighting_layer.markdown(
+        {
+            "one over l squared": rows,
+            "panoramas, GGX 0.2": {},
+            "split, GGX 0.2, f0 0.04": {},
+        }
+    )
+
+
+def test_split_sum_is_exact_under_constant_light(rng, dtype):
+    """As its table is: the albedo of the view, single scattering."""
+    coefs = jnp.full((1, 3), np.sqrt(4 * np.pi), jnp.float32)
+    coefs = jnp.pad(coefs, [(0, 8), (0, 0)])
+    cosines = (np.arange(64) + 0.5)[[3, 20, 60]] / 64
+    normals = jnp.tile(jnp.asarray([0.0, 0.0, 1.0], jnp.float32), (3, 1))
+    views = np.stack([np.sqrt(1 - cosines**2), 0 * cosines, cosines], -1)
+    seen = split_sum.shade(
+        split_sum.prefilter(coefs), normals, jnp.asarray(views, jnp.float32),
+        albedo=jnp.ones((3, 3), jnp.float32), metallic=jnp.ones(3, jnp.float32),
+        roughness=jnp.full(3, np.sqrt(0.5), jnp.float32),
+    )  # fmt: skip
+    model = brdf.ggx(np.float32(0.5), np.float32(1.0))
+    angles = jnp.asarray(2 * np.arccos(cosines), jnp.float32)
+    exact = brdf.quadrature.outgoing_flux(brdf.core.prepared(model), angles, 96, 64)
+    np.testing.assert_allclose(seen[:, 0], exact[:, 0], rtol=2e-3)
+
+
+@pytest.mark.slow
+def test_recovery_descends(data):
+    with jax.numpy_dtype_promotion("standard"):  # optax's schedules need it
+        result = recovery.run(size=12, steps=25)
+    for method in ("lighting layer", "split-sum"):
+        assert result[method]["picture rms"] < 0.5 * result["start"]["picture rms"]
+    assert "split-sum" in recovery.markdown(result)
+
+
+def test_ggx_samples_integrate_their_density(rng, dtype):
+    """Uniform light, no cosine weight left: the albedo by 4096 samples."""
+    normals = jnp.tile(jnp.asarray([[0.0, 0.0, 1.0]], dtype), (1, 1))
+    views = jnp.asarray([[0.6, 0.0, 0.8]], dtype)
+    levels = (jnp.ones((4, 8, 1), dtype),)
+    model = brdf.ggx(0.3, 1.0)
+    seen = importance.reflect(
+        levels, model, normals, views,
+        draw=lambda n, v: importance.draw_ggx(0.3, 4096, n, v), filtered=False,
+    )  # fmt: skip
+    angle = jnp.asarray([2 * np.arccos(0.8)], dtype)
+    exact = brdf.quadrature.outgoing_flux(brdf.core.prepared(model), angle, 96, 64)
+    np.testing.assert_allclose(seen, exact, rtol=5e-3)

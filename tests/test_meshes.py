@@ -207,3 +207,64 @@ def test_gradients_of_a_rendered_pixel(rng):
         jnp.asarray(0.2),
         tolerance=1e-6,
     )
+
+
+@pytest.fixture
+def textured_file(tmp_path):
+    """A square facing +x in glTF, red left of black, rough above smooth."""
+    from PIL import Image
+
+    colours = np.zeros((2, 2, 3), np.uint8)
+    colours[:, 0] = [188, 0, 0]  # sRGB of linear 0.503
+    packed = np.zeros((2, 2, 3), np.uint8)
+    packed[0, :, 1], packed[1, :, 1], packed[..., 2] = 255, 51, 102
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(colours).resize((64, 64), Image.NEAREST),
+        metallicRoughnessTexture=Image.fromarray(packed).resize(
+            (64, 64), Image.NEAREST
+        ),
+        roughnessFactor=0.5,
+        metallicFactor=1.0,
+    )
+    square = trimesh.Trimesh(
+        vertices=[[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]],
+        faces=[[0, 1, 2], [0, 2, 3]],
+        visual=trimesh.visual.TextureVisuals(
+            uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=material
+        ),
+        process=False,
+    )
+    path = tmp_path / "square.glb"
+    square.export(path)
+    return path
+
+
+def test_textures_of_a_mesh(textured_file):
+    """Seen from +x, +y is on the right: red on the left, rough above."""
+    camera = render.Camera(origin=(3.0, 0.0, 0.0), width=2.0)
+    seen = render.mesh(textured_file, camera, 16, material=True)
+    assert float(seen.mask.min()) > 0.9
+    columns = np.asarray(seen.albedo)[8]
+    first = np.flatnonzero(columns[:, 0] > 0.4)
+    red, black = (0, 15) if 0 in first else (15, 0)
+    np.testing.assert_allclose(columns[red], [0.503, 0, 0], atol=0.01)
+    np.testing.assert_allclose(columns[black], 0, atol=0.01)
+    right = np.cross([-1.0, 0, 0], [0, 0, 1.0])  # of the camera
+    assert (red == 0) == (right[1] > 0)
+    np.testing.assert_allclose(seen.roughness[2], 0.5, atol=0.01)
+    np.testing.assert_allclose(seen.roughness[13], 0.1, atol=0.01)
+    np.testing.assert_allclose(seen.metallic, 0.4, atol=0.01)
+    plain = render.mesh(textured_file, camera, 8)
+    assert plain.roughness is None
+    light = shjax.prefilter_light(
+        jnp.full((1, 3), np.sqrt(4 * np.pi), seen.albedo.dtype), maps=4
+    )
+    picture = np.asarray(render.metallic_roughness(seen, light))
+    assert picture[8, red, 0] > 5 * picture[8, black, 0]
+    with pytest.raises(ValueError, match="the G-buffer has none"):
+        render.metallic_roughness(plain, light)
+
+
+def test_a_mesh_without_material_is_refused(ball_file):
+    with pytest.raises(ValueError, match="material must be in the file"):
+        render.mesh(ball_file, render.Camera(), 8, material=True)

@@ -106,6 +106,30 @@ CASES = {
         (1, 2),
         batched=False,
     ),
+    "prefilter_light": Case(
+        lambda c: shjax.prefilter_light(c, maps=4).level(0), ((9, 3),)
+    ),
+    "shade": Case(
+        lambda n, v: shjax.shade(
+            shjax.prefilter_light(jnp.ones((9, 3), n.dtype), maps=4),
+            n,
+            v,
+            albedo=jnp.full(3, 0.5, n.dtype),
+            roughness=jnp.asarray(0.6, n.dtype),
+            metallic=jnp.asarray(0.3, n.dtype),
+        ),
+        ((5, 3), (5, 3)),
+        (0, 1),
+        batched=False,
+    ),
+    "cap_coefs": Case(
+        lambda d, f: shjax.cap_coefs(
+            shjax.CapLights(d, jnp.full(2, 0.1, d.dtype), f), l_max=3
+        ),
+        ((2, 3), (2, 3)),
+        (0,),
+        batched=False,
+    ),
     "estimate_lighting": Case(
         lambda i, n: shjax.estimate_lighting(i, normalize(n)).value,
         ((40, 3), (40, 3)),

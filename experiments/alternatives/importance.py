@@ -62,6 +62,18 @@ def draw_microfacet(
     return Drawn(lights, of_half / jnp.maximum(4 * jnp.abs(cosine), 1e-6))
 
 
+def draw_ggx(alpha: float, n: int, normals: jax.Array, views: jax.Array) -> Drawn:
+    """Mirrored about normals with density ``D(h) n.h`` of GGX."""
+    u = hammersley(n)
+    squared = (1 - u[:, 1]) / (1 + (alpha**2 - 1) * u[:, 1])  # of n.h
+    local = _local(np.sqrt(squared), 2 * np.pi * u[:, 0])
+    spread = alpha**2 / (np.pi * (squared * (alpha**2 - 1) + 1) ** 2)
+    half, of_half = _turned(local, spread * np.sqrt(squared), normals)
+    cosine = jnp.sum(half * views[:, None], axis=-1)
+    lights = 2 * cosine[..., None] * half - views[:, None]
+    return Drawn(lights, of_half / jnp.maximum(4 * jnp.abs(cosine), 1e-6))
+
+
 def _local(cosine: np.ndarray, phi: np.ndarray) -> np.ndarray:
     sine = np.sqrt(np.maximum(1 - cosine**2, 0))
     return np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=-1)

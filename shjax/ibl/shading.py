@@ -149,7 +149,7 @@ def _read(texels, rough: Roughness, normals, views, functions, f0) -> jax.Array:
     fit = family(texels.shape[0])
     towards = mirror(normals, views)
     x, y, _ = jnp.moveaxis(in_spherical_frame(towards, normals), -1, 0)
-    places, shares = _taps(rough, towards)
+    places, shares = taps(rough, towards)
     waves = jnp.stack(halfway(x, y, fit.orders))
     base, slope = (
         jnp.take(part, np.array(fit.functions), axis=0) * waves for part in functions
@@ -158,7 +158,7 @@ def _read(texels, rough: Roughness, normals, views, functions, f0) -> jax.Array:
     return read_maps(parity, texels, places, shares, Weights(base, slope, f0))
 
 
-def _taps(rough: Roughness, towards: jax.Array) -> tuple[jax.Array, jax.Array]:
+def taps(rough: Roughness, towards: jax.Array) -> tuple[jax.Array, jax.Array]:
     """The eight texels about directions and their shares.
 
     Returns:

@@ -31,6 +31,7 @@ from shjax.sphere import (
 _WIDEST = np.radians(3.0)
 _WINDOW = np.radians(7.0)
 _SHARE_OF_PEAK = 0.25
+_SHARE_TAKEN = 0.05  # of the excess: what hangs together with the light
 _LEAST_CONTRAST = 20.0  # of the peak over its surroundings
 _LEAST_FLUX = 0.01  # of the whole light
 _RINGS, _SPOKES = 6, 48  # of the samples of the surroundings
@@ -42,7 +43,7 @@ def split_lights(
     """Take the brightest small lights out of a lat-long panorama.
 
     One after the other: the connected pixels about the brightest one whose excess over
-    the surroundings is above a quarter of its own become a cap of the same flux in each
+    the surroundings is above a twentieth of its own become a cap of the same flux in each
     channel, centroid and mean cosine; the surroundings stay. A light counts if it is at
     most 3 degrees in radius, 20 times brighter than its surroundings, and holds 1 % of
     the whole. Flux is conserved; nothing is taken where nothing stands out.
@@ -145,7 +146,7 @@ def _take_one(image: jax.Array, grey: jax.Array, whole: jax.Array, grid: _Band):
     level = luminance(around)
     excess = brightest - level
     away = fall(middle)
-    bright = (away < _height(_WINDOW)) & (shade - level > _SHARE_OF_PEAK * excess)
+    bright = (away < _height(_WINDOW)) & (shade - level > _SHARE_TAKEN * excess)
     region = _connected(bright, seed)
     stands_out = (excess > 0) & (brightest >= _LEAST_CONTRAST * jnp.maximum(level, 0))
     small = jnp.all(jnp.where(region, away, 0) < _height(_WIDEST))

@@ -1,0 +1,113 @@
+"""Split-sum: one prefiltered map and a table of the BRDF [Karis 2013].
+
+``L = map(R, roughness) (f0 A + B)``: the map filters the light by the lobe of a view along
+the normal, whatever the view; the table holds the albedo of the view. What is read, and
+how, is shared with the lighting layer, so that the two differ by the method alone.
+
+References:
+    B. Karis, Real Shading in Unreal Engine 4, SIGGRAPH 2013 course notes.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shjax.adapted.ggx import DEGREES, LEVELS, locate
+from shjax.adapted.single import view_kernels
+from shjax.brdf import ggx
+from shjax.harmonics.orientations import maps_on_grid
+from shjax.ibl.prefiltering import level_shape
+from shjax.ibl.reading import Weights, read_maps
+from shjax.ibl.shading import taps
+from shjax.irradiance import irradiance
+from shjax.sphere import latlong_theta, mirror
+
+_COSINES, _ALPHAS = 64, 17
+
+
+class Light(NamedTuple):
+    """Maps of all roughnesses ``(1, T, C)`` and nine coefficients ``(9, C)``."""
+
+    texels: jax.Array
+    coefs: jax.Array
+
+
+@functools.lru_cache
+def lobe(alpha: float, l_max: int) -> np.ndarray:
+    """Gains of the lobe of a view along the normal, 1 for degree 0, ``(l_max + 1,)``."""
+    with jax.ensure_compile_time_eval():
+        surface = ggx(np.float32(alpha), np.float32(1))
+        gains = view_kernels(surface, (1e-3,), l_max, 0)[0, :, 0, 0]
+    l = np.arange(l_max + 1)
+    return gains / gains[0] / np.sqrt(2 * l + 1)
+
+
+@functools.lru_cache
+def table() -> np.ndarray:
+    """Albedo without f0 and times f0, by alpha (octaves / 4) and n.v: ``(17, 64, 2)``."""
+    cosines = (np.arange(_COSINES) + 0.5) / _COSINES
+    angles = tuple((2 * np.arccos(cosines)).tolist())
+    rows = []
+    for k in range(_ALPHAS):
+        with jax.ensure_compile_time_eval():
+            pair = np.array([0.0, 1.0], np.float32)
+            both = ggx(np.float32(2.0 ** (-k / 4)), f0=pair)
+            flux = view_kernels(both, angles, 0, 0)[:, 0, 0] * np.sqrt(4 * np.pi)
+        rows.append(np.stack([flux[:, 0], flux[:, 1] - flux[:, 0]], axis=-1))
+    return np.stack(rows)
+
+
+@jax.jit
+def prefilter(coefs: jax.Array) -> Light:
+    """The maps of a light from its coefficients ``(K, C)`` to degree 128 at most."""
+    held = int(np.sqrt(coefs.shape[0])) - 1
+    texels = []
+    for level in range(LEVELS):
+        degree, (rows, columns) = min(DEGREES[level], held), level_shape(level)
+        l = np.arange(degree + 1)
+        # The kernel of one map over the light's degree, as maps_on_grid has it.
+        kernel = lobe(2.0**-level, degree) * np.sqrt((2 * l + 1) / (4 * np.pi))
+        kernel = jnp.asarray(kernel, coefs.dtype)[:, None, None]
+        found = maps_on_grid(
+            coefs[: (degree + 1) ** 2],
+            jnp.broadcast_to(kernel, (degree + 1, 1, coefs.shape[-1])),
+            (0,),
+            latlong_theta(rows),
+            columns,
+        )
+        texels.append(found.reshape(1, -1, coefs.shape[-1]))
+    return Light(jnp.concatenate(texels, axis=1), coefs[:9])
+
+
+@jax.jit
+def shade(light: Light, normals, views, *, albedo, roughness, metallic, f0=0.04):
+    """Radiance ``(n, C)`` at points ``(n, 3)``; colours ``(n, C)``, the rest ``(n,)``."""
+    metal = metallic[:, None]
+    specular = (f0 * (1 - metal) + albedo * metal).T
+    rough = locate(roughness**2)
+    cosine = jnp.clip(jnp.sum(normals * views, axis=-1), 0, 1)
+    base, slope = _looked_up(rough.place * 4, cosine * _COSINES - 0.5)
+    places, shares = taps(rough, mirror(normals, views))
+    glossy = read_maps(
+        (0,), light.texels, places, shares, Weights(base[None], slope[None], specular)
+    )
+    return irradiance(light.coefs, normals) * albedo * (1 - metal) / np.pi + glossy.T
+
+
+def _looked_up(along: jax.Array, across: jax.Array) -> tuple[jax.Array, jax.Array]:
+    values = jnp.asarray(table(), along.dtype).reshape(-1, 2)
+    across = jnp.clip(across, 0, _COSINES - 1)
+    i = jnp.clip(jnp.floor(along), 0, _ALPHAS - 2).astype(jnp.int32)
+    k = jnp.clip(jnp.floor(across), 0, _COSINES - 2).astype(jnp.int32)
+    s, t = along - i.astype(along.dtype), across - k.astype(across.dtype)
+    total = jnp.zeros((along.shape[0], 2), along.dtype)
+    for down, a in ((0, 1 - s), (1, s)):
+        for right, b in ((0, 1 - t), (1, t)):
+            row = jnp.take(values, (i + down) * _COSINES + k + right, axis=0)
+            total = total + row * (a * b)[:, None]
+    return total[:, 0], total[:, 1]
