@@ -203,7 +203,10 @@ def test_recovery_descends(data):
     with jax.numpy_dtype_promotion("standard"):  # optax's schedules need it
         result = recovery.run(size=12, steps=25)
     for method in ("lighting layer", "split-sum"):
-        assert result[method]["picture rms"] < 0.5 * result["start"]["picture rms"]
+        assert (
+            result[method]["picture, relative"]
+            < 0.5 * result["start"]["picture, relative"]
+        )
     assert "split-sum" in recovery.markdown(result)
 
 

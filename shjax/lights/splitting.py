@@ -89,7 +89,7 @@ def take_lights(
     whole = jnp.sum(jnp.sum(grey, axis=1) * solid)
 
     def one(state, _):
-        light, image, grey = _take_one(*state, whole, grid)
+        light, image, grey = _take_one(state[0], state[1], whole, grid)
         return (image, grey), light
 
     if not max_lights:
