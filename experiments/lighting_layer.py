@@ -166,6 +166,44 @@ def lights_split(folder: Path, alpha: float = 0.2, f0: float = 0.04) -> dict:
     return found
 
 
+def single_materials(folder: Path) -> dict:
+    """Rms of bases fitted to one BRDF each (:func:`shjax.adapt`), under 1/l^2."""
+    curet = folder / "curet"
+    skin = json.loads((folder / "cornell_lafortune.json").read_text())["materials"][
+        "skin"
+    ]
+    cxy, cz, exponent = (
+        np.array([lobe[k] for lobe in skin["lobes"]]) for k in ("cxy", "cz", "n")
+    )
+    models = {
+        "gaussian microfacet 0.2": brdf.gaussian_microfacet(0.2),
+        "Lafortune, skin": brdf.lafortune(cxy, cz, exponent, np.array(skin["diffuse"])),
+        "CUReT 15, foil": brdf.read_curet(curet / "abrdf.dat", curet / "table.txt", 15),
+    }
+    found, weight = {}, prior(L_MAX)
+    for name, model in models.items():
+        row: dict[str, float] = {}
+        for maps in RANKS:
+            fit = shjax.adapt(model, maps=maps, l_max=L_MAX)
+            lost, whole = (
+                float(np.sum(weight[:, None] * np.asarray(a, float)))
+                for a in (fit.lost, fit.energy)
+            )
+            row[f"adapted {maps}"] = 100 * float(np.sqrt(lost / whole))
+        kernel = view_kernels(model, tuple(THETA.tolist()), L_MAX, ORDERS)
+        for p in THESIS:
+            parts = [kernel[..., c] for c in range(kernel.shape[-1])]
+            errors = [rms(part, thesis(part, p), weight) for part in parts]
+            sizes = [
+                np.einsum("olq,o,l,q->", part**2, WEIGHTS, weight, TIMES)
+                for part in parts
+            ]
+            mean = np.average(np.square(errors), weights=sizes)
+            row[f"thesis {(p + 1) ** 2}"] = 100 * float(np.sqrt(mean))
+        found[name] = row
+    return found
+
+
 def pictures(folder: Path, out: Path, size: int = 160) -> dict:
     """Spheres under city and interior, GGX 0.2, f0 0.04: rms of each method, and PNGs."""
     found, rows = {}, []
@@ -249,6 +287,7 @@ def run(out: Path | None = None, count: int = 17, size: int = 160) -> dict:
         "one over l squared": all_roughnesses(count),
         "panoramas, GGX 0.2": on_panoramas(folder / "hdri"),
         "split, GGX 0.2, f0 0.04": lights_split(folder / "hdri"),
+        "single materials": single_materials(folder / "brdf"),
     }
     if out is not None:
         result["pictures, GGX 0.2, f0 0.04"] = pictures(folder, out, size)
@@ -291,6 +330,13 @@ def markdown(result: dict) -> str:
             for m in ("split-sum", "thesis 9", "adapted 9")
         ]
         lines.append(f"| {name} ({row['lights found']} found) | {' | '.join(cells)} |")
+    if "single materials" in result:
+        names = list(next(iter(result["single materials"].values())))
+        lines += ["", "## rms %, bases fitted to one BRDF, 1/l^2 light", ""]
+        lines += [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+        for name, row in result["single materials"].items():
+            cells = " | ".join(f"{row[key]:.1f}" for key in names)
+            lines.append(f"| {name} | {cells} |")
     if "pictures, GGX 0.2, f0 0.04" in result:
         lines += ["", "## rms % of pictures", "", "| | error |", "|---|---|"]
         for name, row in result["pictures, GGX 0.2, f0 0.04"].items():

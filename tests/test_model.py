@@ -45,16 +45,21 @@ def panoramas(data):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*STRICT, *LOOSE])
 def test_what_is_asked_is_met_and_measured(name, panoramas):
-    """On all of them: within 2 % plus three standard errors."""
+    """On all of them: within 2 % plus three standard errors.
+
+    One error on each panorama, another on the next; with the materials all pairs occur.
+    """
     model = {**STRICT, **LOOSE}[name]
     known, wrong = brdf_energies(model), []
-    for panorama, (envmap, light) in panoramas.items():
-        for asked in (0.32, 0.17, 0.10) if name in STRICT else (0.32,):
-            chosen = choose_model(light, model, rms_error=asked, energies=known)
-            found = chosen.check(envmap, n=2048, seed=3)
-            fine = found.rms <= 1.02 * asked + 3 * found.standard_error
-            if not (chosen.met and fine and chosen.predicted_rms_error <= asked):
-                wrong.append((panorama, asked, chosen.message, found))
+    first = [*STRICT, *LOOSE].index(name)
+    for number, (panorama, (envmap, light)) in enumerate(panoramas.items()):
+        errors = (0.32, 0.17, 0.10) if name in STRICT else (0.32,)
+        asked = errors[(first + number) % len(errors)]
+        chosen = choose_model(light, model, rms_error=asked, energies=known)
+        found = chosen.check(envmap, n=2048, seed=3)
+        fine = found.rms <= 1.02 * asked + 3 * found.standard_error
+        if not (chosen.met and fine and chosen.predicted_rms_error <= asked):
+            wrong.append((panorama, asked, chosen.message, found))
     assert not wrong
 
 

@@ -43,20 +43,27 @@ def signed_functions(ranks: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int
     return tuple(functions), tuple(signed)
 
 
-def within(maps: int, larger: int = 21) -> np.ndarray:
-    """Which maps of a larger set make a smaller one, ``(larger,)`` bool.
+def functions_within(maps: int, larger: int = 21) -> np.ndarray:
+    """Which functions of a larger set make a smaller one, ``(J,)`` bool.
 
     Args:
         maps: Of the smaller set.
         larger: Of the larger one.
     """
     small, large = check_maps(maps), check_maps(larger)
-    held = [
-        q < len(small) and k < small[q]
-        for q, rank in enumerate(large)
-        for k in range(rank)
-    ]
-    return np.array(held)[list(signed_functions(large)[0])]
+    return np.array(
+        [
+            q < len(small) and k < small[q]
+            for q, rank in enumerate(large)
+            for k in range(rank)
+        ]
+    )
+
+
+def within(maps: int, larger: int = 21) -> np.ndarray:
+    """Which maps of a larger set make a smaller one, ``(larger,)`` bool."""
+    functions, _ = signed_functions(check_maps(larger))
+    return functions_within(maps, larger)[list(functions)]
 
 
 def prior(l_max: int) -> np.ndarray:

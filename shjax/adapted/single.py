@@ -10,7 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.adapted.ranks import check_maps, prior, signed_functions
+from shjax.adapted.ranks import (
+    check_maps,
+    functions_within,
+    prior,
+    signed_functions,
+    within,
+)
 from shjax.arrays import Array
 from shjax.brdf.core import Brdf
 from shjax.brdf.quadrature import Resolution, moments_at, view_nodes
@@ -48,12 +54,29 @@ class Adapted:
         """What the products do not hold of the energy of each degree."""
         return jnp.maximum(self.energy - jnp.sum(self.kernels**2, axis=1), 0)
 
+    def fewer(self, maps: int) -> Adapted:
+        """The fit of fewer maps, which are among these.
+
+        Args:
+            maps: 4, 9, 16 or 21, at most as many as there are.
+
+        Raises:
+            ValueError: If there is no set of so many maps.
+        """
+        ranks, larger = check_maps(maps), self.kernels.shape[1]
+        rows = np.flatnonzero(functions_within(maps, larger))
+        kept = np.flatnonzero(within(maps, larger))
+        views = AdaptedViews(self.views.table[rows], *signed_functions(ranks))
+        tests = tuple(t[:n] for t, n in zip(self.tests, ranks, strict=False))
+        return Adapted(self.kernels[:, kept], views, self.energy, tests)
+
 
 def adapt(brdf: Brdf, *, maps: int = 9, l_max: int = 128) -> Adapted:
     """Fit a view basis to a BRDF: the best one of so many maps.
 
     In each azimuthal order the singular vectors of ``G_lq(theta_o)``, all channels
-    together, degrees weighted by a ``1 / l^2`` light; uniform light is met.
+    together, degrees weighted by a ``1 / l^2`` light; uniform light is met where there
+    are as many functions as channels of different shapes.
 
     Args:
         brdf: The reflectance; concrete, all parts about one centre.
@@ -61,8 +84,8 @@ def adapt(brdf: Brdf, *, maps: int = 9, l_max: int = 128) -> Adapted:
         l_max: Highest degree of the light.
 
     Returns:
-        Profiles to filter a light with (:func:`shjax.shrm.prefilter_in`), and the basis
-        in which to read the maps (:func:`shjax.shrm.read_in`).
+        Profiles to filter a light with (:func:`shjax.shrm.prefilter_kernels`), and the
+        basis in which to read the maps (:func:`shjax.shrm.read_in`).
 
     Raises:
         ValueError: If there is no set of so many maps, or parts about the tangent are

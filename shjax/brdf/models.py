@@ -195,7 +195,7 @@ def _lafortune(parameters: Parameters, light: Local, view: Local) -> jax.Array:
 LAFORTUNE = Model("lafortune", _lafortune)
 
 
-def lafortune(cxy, cz, exponent, diffuse=0.0) -> Brdf:
+def lafortune(cxy, cz, exponent, diffuse: Any = 0.0) -> Brdf:
     """Generalised cosine lobes and a diffuse part, times the cosine [L97, Eq. 9].
 
     ``diffuse / pi + sum_j max(cxy_j (l_x v_x + l_y v_y) + cz_j l_z v_z, 0)^n_j``.

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.adapted import RANKS, adapt, check_maps
+from shjax.adapted import RANKS
 from shjax.adapted.ranks import within
 from shjax.arrays import Array
 from shjax.brdf.core import Brdf
@@ -73,7 +73,7 @@ def choose_model(
     )
     assert coefs is not None
     degrees = _VIEW_DEGREES if energies is None else (energies.rho.shape[1] - 1,)
-    best, kept, lights = None, coefs, None
+    best, kept, lights, known = None, coefs, None, energies
     for p_max in degrees:
         known = energies or brdf_energies(brdf, l_max=l_light, p_max=p_max)
         pick = functools.partial(
@@ -86,9 +86,9 @@ def choose_model(
                 best, kept, lights = split, rest, light.lights
         if best is not None and best.error <= rms_error:
             break
-    if best is None:
+    if best is None or known is None:
         raise ValueError(f"max_bytes={max_bytes} is too small for any model.")
-    return _built(coefs, kept, lights, brdf, best, rms_error)
+    return _built(coefs, kept, lights, brdf, known, best, rms_error)
 
 
 def _helps(split: _Candidate, plain: _Candidate, rms_error: float) -> bool:
@@ -242,6 +242,7 @@ def _built(
     coefs: jax.Array,
     lights: CapLights | None,
     brdf: Brdf,
+    known: Energies,
     chosen: _Candidate,
     rms_error: float,
 ) -> Model:
@@ -258,9 +259,9 @@ def _built(
         rows, columns = default_size(f)
         light = coefs[: (f + 1) ** 2]
         if chosen.kind == "adapted":
-            maps_count = list(RANKS)[chosen.p_max]
-            own = adapt(rest, maps=maps_count, l_max=degree_of_coefs(coefs.shape))
-            views, p_max = own.views, len(check_maps(maps_count)) - 1
+            assert known.adapted is not None
+            own = known.adapted.fewer(list(RANKS)[chosen.p_max])
+            views, p_max = own.views, max(own.views.orders)
             kernels = own.kernels[: f + 1].astype(coefs.dtype)
             shape = (*kernels.shape[:2], coefs.shape[-1])
             maps = prefilter_kernels(
