@@ -109,35 +109,49 @@ def by_split_sum(scene: _Scene, guess: dict) -> jax.Array:
 
 def recover(scene: _Scene, forward, steps: int) -> dict:
     """Descend from a grey, half-rough ball under white light; errors at the end."""
-    guess = {
-        "albedo": jnp.zeros_like(scene.truth["albedo"]),
-        "roughness": jnp.zeros_like(scene.truth["roughness"]),
-        "light": jnp.zeros_like(scene.light).at[0].set(scene.light[0]),
-    }
+    guess = _start(scene)
     rates = optax.cosine_decay_schedule(0.05, steps)
     optimiser = optax.adam(rates)
-    norm = jnp.mean(scene.radiance**2)
-
-    def loss(guess):
-        return jnp.mean((forward(scene, guess) - scene.radiance) ** 2) / norm
 
     @jax.jit
     def step(state, _):
         guess, memory = state
-        value, gradient = jax.value_and_grad(loss)(guess)
+        value, gradient = jax.value_and_grad(
+            lambda guess: _loss(scene, forward, guess)
+        )(guess)
         change, memory = optimiser.update(gradient, memory)
         return (optax.apply_updates(guess, change), memory), value
 
     (found, _), losses = jax.lax.scan(
         step, (guess, optimiser.init(guess)), None, length=steps
     )
+    return _errors(scene, found, losses[-1])
+
+
+def _loss(scene: _Scene, forward, guess: dict) -> jax.Array:
+    """Mean square of the difference over that of the picture."""
+    norm = jnp.mean(scene.radiance**2)
+    return jnp.mean((forward(scene, guess) - scene.radiance) ** 2) / norm
+
+
+def _start(scene: _Scene) -> dict:
+    """A grey, half-rough ball under white light."""
+    return {
+        "albedo": jnp.zeros_like(scene.truth["albedo"]),
+        "roughness": jnp.zeros_like(scene.truth["roughness"]),
+        "light": jnp.zeros_like(scene.light).at[0].set(scene.light[0]),
+    }
+
+
+def _errors(scene: _Scene, found: dict, loss: jax.Array) -> dict:
+    """How far a guess is from the truth."""
     albedo, roughness = fields(scene.basis, found)
     # Light and albedo share a factor in each channel, which half a metal only nearly
     # tells: each error is after its own best one.
     light = _scaled(found["light"], scene.light)
     colour = _scaled(albedo, scene.albedo)
     return {
-        "picture, relative": float(jnp.sqrt(losses[-1])),
+        "picture, relative": float(jnp.sqrt(loss)),
         "roughness rms": float(jnp.sqrt(jnp.mean((roughness - scene.roughness) ** 2))),
         "albedo rms": float(jnp.sqrt(jnp.mean((colour - scene.albedo) ** 2))),
         "light, relative": float(
@@ -157,7 +171,7 @@ def run(size: int = 24, steps: int = 2000, seed: int = 4) -> dict:
     return {
         "lighting layer": recover(scene, by_layer, steps),
         "split-sum": recover(scene, by_split_sum, steps),
-        "start": recover(scene, by_layer, 1),
+        "start": _errors(scene, _start(scene), _loss(scene, by_layer, _start(scene))),
         "points": scene.normals.shape[0],
         "steps": steps,
         "versions": versions(),

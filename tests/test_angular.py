@@ -171,15 +171,18 @@ def _turned_light(lighting, samples, degree, p_max):
 @pytest.mark.slow
 @pytest.mark.parametrize("panorama", PANORAMAS[:8])
 def test_predicted_error_is_the_measured_one(panorama, lights, measured_models):
-    """For every model and six (F, P): within 5 % plus three standard errors."""
+    """At six (F, P): within 5 % plus three standard errors.
+
+    Every other model on one panorama, the others on the next.
+    """
     (radiance, directions, weights), lighting = lights[panorama]
     spectrum = shjax.power_spectrum(lighting)
     # A dielectric's rare highlights at grazing views need more samples for an honest
     # standard error.
     drawn = {n: draw_orientations(n, seed=11) for n in (2048, 16384)}
     seen = {n: _turned_light(lighting, samples, 40, 6) for n, samples in drawn.items()}
-    wrong = []
-    for name, model in measured_models.items():
+    wrong, half = [], PANORAMAS.index(panorama) % 2
+    for name, model in list(measured_models.items())[half::2]:
         n = 16384 if name == "ggx" else 2048
         samples, (turned, values) = drawn[n], seen[n]
         normals, views, tangents = (

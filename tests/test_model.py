@@ -47,14 +47,17 @@ def panoramas(data):
 def test_what_is_asked_is_met_and_measured(name, panoramas):
     """On all of them: within 2 % plus three standard errors.
 
-    One error on each panorama, another on the next; with the materials all pairs occur.
+    Every other panorama, the others for the next material; one error on each, another on
+    the next.
     """
     model = {**STRICT, **LOOSE}[name]
     known, wrong = brdf_energies(model), []
     first = [*STRICT, *LOOSE].index(name)
     for number, (panorama, (envmap, light)) in enumerate(panoramas.items()):
+        if (first + number) % 2:
+            continue
         errors = (0.32, 0.17, 0.10) if name in STRICT else (0.32,)
-        asked = errors[(first + number) % len(errors)]
+        asked = errors[(first + number) // 2 % len(errors)]
         chosen = choose_model(light, model, rms_error=asked, energies=known)
         found = chosen.check(envmap, n=2048, seed=3)
         fine = found.rms <= 1.02 * asked + 3 * found.standard_error
