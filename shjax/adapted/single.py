@@ -105,7 +105,7 @@ def adapt(brdf: Brdf, *, maps: int = 9, l_max: int = 128) -> Adapted:
     ]
     profiles = [_profiles(at_nodes[:, :, q], test) for q, test in enumerate(tests)]
     table = [
-        _at_lines(at_lines[:, :, q], profile, q == 0) / np.sin(lines / 2) ** q
+        _over_rise(_at_lines(at_lines[:, :, q], profile, q == 0), lines, q)
         for q, profile in enumerate(profiles)
     ]
     functions, signed = signed_functions(ranks)
@@ -154,6 +154,18 @@ def _at_lines(kernel: np.ndarray, profile: np.ndarray, uniform: bool) -> np.ndar
     right = np.einsum("lkc,olc,l->ko", profile, kernel, scale)
     least = 1e-12 * np.trace(gram) / rank + 1e-300  # a BRDF may lack an order
     return np.linalg.solve(gram + least * np.eye(rank), right)
+
+
+def _over_rise(values: np.ndarray, lines: np.ndarray, q: int) -> np.ndarray:
+    """Functions at the lines over ``sin(theta_o / 2)^q``, ``(k, lines)``.
+
+    At the last line, the view along R, both vanish: the value there goes on smoothly.
+    """
+    if not q:
+        return values
+    table = values / np.sin(lines / 2) ** q
+    table[:, -1] = 3 * (table[:, -2] - table[:, -3]) + table[:, -4]
+    return table
 
 
 def leading_functions(
