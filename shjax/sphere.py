@@ -42,6 +42,23 @@ def mirror(
     return 2 * cosine * normals - views
 
 
+def polar_angles(
+    directions: Float[Array, "*batch 3"],
+) -> tuple[Float[jax.Array, "*batch"], Float[jax.Array, "*batch"]]:
+    """Theta and phi of directions, with finite derivatives at the poles (phi = 0 there).
+
+    Args:
+        directions: Vectors, ``(..., 3)``.
+    """
+    x, y, z = (jnp.asarray(directions)[..., k] for k in range(3))
+    squared = x * x + y * y
+    off = squared > 0
+    across = jnp.where(off, jnp.sqrt(jnp.where(off, squared, 1)), 0)
+    theta = jnp.arctan2(across, jnp.where(off, z, jnp.sign(z)))
+    phi = jnp.where(off, jnp.arctan2(jnp.where(off, y, 0), jnp.where(off, x, 1)), 0)
+    return theta, phi
+
+
 def latlong_theta(n_theta: int) -> np.ndarray:
     """Polar angles of the rows' centres, ``(n_theta,)``, radians."""
     return np.pi * (np.arange(n_theta) + 0.5) / n_theta

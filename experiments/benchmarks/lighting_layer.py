@@ -40,11 +40,7 @@ def run(
     ball = render.sphere(size)
     normals, views = (a.reshape(-1, 3) for a in (ball.normals, ball.views))
     n = normals.shape[0]
-    full = {
-        "albedo": jnp.zeros((n, 3), jnp.float32),
-        "roughness": jnp.full(n, np.sqrt(ALPHA), jnp.float32),
-        "metallic": jnp.zeros(n, jnp.float32),
-    }
+    full = _material(n)
     light = ibl.prefilter_light(envmap)
     alone = ibl.prefilter_light(envmap, max_lights=0)
     simple = split_sum.prefilter(envmap.lighting(l_max=128))
@@ -93,6 +89,15 @@ def run(
     }
 
 
+def _material(count: int) -> dict[str, jax.Array]:
+    """The black dielectric at so many points."""
+    return {
+        "albedo": jnp.zeros((count, 3), jnp.float32),
+        "roughness": jnp.full(count, np.sqrt(ALPHA), jnp.float32),
+        "metallic": jnp.zeros(count, jnp.float32),
+    }
+
+
 def _errors(envmap, normals, views, light, alone, simple, samples) -> dict:
     """Rms error and seconds a pixel of each method at the same pixels."""
     surface = brdf.ggx(ALPHA, F0, multiscatter=True)
@@ -102,11 +107,7 @@ def _errors(envmap, normals, views, light, alone, simple, samples) -> dict:
     small = jnp.asarray(envmap.to_latlong(128).radiance)
     exact = shjax.reference_reflection(small, surface, n, v)
     count = n.shape[0]
-    values = {
-        "albedo": jnp.zeros((count, 3), jnp.float32),
-        "roughness": jnp.full(count, np.sqrt(ALPHA), jnp.float32),
-        "metallic": jnp.zeros(count, jnp.float32),
-    }
+    values = _material(count)
     levels = importance.pyramid(small)
     work = {
         "adapted 9, lights split": lambda: ibl.shade(light, n, v, **values),

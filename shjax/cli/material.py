@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 
 from shjax import io, render
+from shjax.adapted.ggx import LEAST_ALPHA
 from shjax.angular import reference_reflection
 from shjax.brdf import Brdf, metallic_roughness
 from shjax.cli.options import Material
@@ -20,7 +22,7 @@ from shjax.sampling import MeasuredError, draw_orientations, measured_error
 PANELS = "by the lighting layer | by the exact integral | their difference"
 _EXACT_ROWS = 128
 _SAMPLES = 2048
-LEAST_ROUGHNESS = 0.25
+_LEAST_ROUGHNESS = math.sqrt(LEAST_ALPHA)
 
 
 def run_material(
@@ -55,6 +57,8 @@ def run_material(
     )  # fmt: skip
     pictures, shown = compare(np.asarray(drawn), exact)
     why = describe(light, predicted)
+    if values["roughness"] < _LEAST_ROUGHNESS:
+        why += f"; drawn as roughness {_LEAST_ROUGHNESS:g}, where the maps end"
     about = header(envmap.report.source, units="radiance", model=why)
     names = ("spheres.exr", "spheres.png", "light.exr", "light.json")
     files = {name: str(out / f"{stem}_{name}") for name in names}
@@ -85,7 +89,9 @@ def _measured(
     light: PrefilteredLight, panorama, surface: Brdf, values: dict
 ) -> MeasuredError:
     samples = draw_orientations(_SAMPLES, seed=0)
-    normals, views = (jnp.asarray(a, panorama.dtype) for a in samples[2:0:-1])
+    normals, views = (
+        jnp.asarray(a, panorama.dtype) for a in (samples.normals, samples.views)
+    )
     exact = reference_reflection(panorama, surface, normals, views)
     return measured_error(
         shade(light, normals, views, **values), exact, samples.weights

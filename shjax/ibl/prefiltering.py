@@ -118,8 +118,8 @@ def prefilter_light(
         envmap_or_lighting: An environment map; or radiance coefficients, several lights
             in front. What lies beyond degree 128 is not used.
         maps: 4, 9, 16 or 21: few are small and fast, many are accurate. Static.
-        max_lights: At most so many small lights of a panorama are taken out and shaded
-            exactly (:func:`shjax.split_lights`). Coefficients have none. Static.
+        max_lights: At most so many small lights of a lat-long panorama are taken out and
+            shaded exactly (:func:`shjax.split_lights`). Coefficients have none. Static.
 
     Returns:
         The light; 21 MB in float32 at 9 maps and three channels.

@@ -27,7 +27,7 @@ from shjax.ibl.prefiltering import PrefilteredLight, level_shape, level_starts
 from shjax.ibl.reading import Weights, read_maps
 from shjax.lights import CapLights, cap_nodes
 from shjax.shrm import in_spherical_frame
-from shjax.sphere import mirror
+from shjax.sphere import mirror, polar_angles
 from shjax.view_basis import halfway
 
 
@@ -174,12 +174,7 @@ def taps(rough: Roughness, towards: jax.Array) -> tuple[jax.Array, jax.Array]:
     Returns:
         Places ``(8, n)``, and shares for maps of even and odd order, ``(8, 2, n)``.
     """
-    x, y, z = towards[:, 0], towards[:, 1], towards[:, 2]
-    squared = x * x + y * y
-    off = squared > 0
-    across = jnp.where(off, jnp.sqrt(jnp.where(off, squared, 1)), 0)
-    theta = jnp.arctan2(across, jnp.where(off, z, jnp.sign(z)))
-    phi = jnp.where(off, jnp.arctan2(jnp.where(off, y, 0), jnp.where(off, x, 1)), 0)
+    theta, phi = polar_angles(towards)
     heights = np.array([level_shape(level)[0] for level in range(LEVELS)], np.int32)
     starts = np.array(level_starts()[:-1], np.int32)
     places, even, odd = [], [], []

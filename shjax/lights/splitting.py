@@ -26,6 +26,7 @@ from shjax.sphere import (
     latlong_solid_angles,
     latlong_theta,
     normalize,
+    polar_angles,
 )
 
 _WIDEST = np.radians(3.0)
@@ -189,8 +190,7 @@ def _surroundings(image: jax.Array, axis: jax.Array) -> jax.Array:
         axis=-1,
     ).reshape(-1, 3)
     towards = jnp.asarray(local, image.dtype) @ frames(axis)
-    x, y, z = towards[:, 0], towards[:, 1], towards[:, 2]
-    theta, phi = jnp.arctan2(jnp.hypot(x, y), z), jnp.arctan2(y, x)
+    theta, phi = polar_angles(towards)
     row = jnp.clip((theta * (height / np.pi)).astype(jnp.int32), 0, height - 1)
     column = (np.pi - phi) * (width / (2 * np.pi))
     column = jnp.clip(column.astype(jnp.int32), 0, width - 1)

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from shjax.arrays import Array, as_float, check_vectors
 from shjax.harmonics.orientations import einsum
 from shjax.shrm.prefiltering import check_frame
+from shjax.sphere import polar_angles
 from shjax.view_basis import ViewBasis, views_of_maps
 
 
@@ -132,12 +133,7 @@ _WEIGHTS = {"linear": _linear, "cubic": _cubic}
 def _read(maps, points, values, orders: np.ndarray, weights: Callable) -> jax.Array:
     """Sum of interpolated coefficients times the basis values, ``(n, C)``."""
     n_theta, n_phi, maps_count, channels = maps.shape
-    x, y, z = points[:, 0], points[:, 1], points[:, 2]
-    squared = x * x + y * y
-    off = squared > 0
-    across = jnp.where(off, jnp.sqrt(jnp.where(off, squared, 1)), 0)
-    theta = jnp.arctan2(across, jnp.where(off, z, jnp.sign(z)))
-    phi = jnp.where(off, jnp.arctan2(jnp.where(off, y, 0), jnp.where(off, x, 1)), 0)
+    theta, phi = polar_angles(points)
     row = theta * (n_theta / np.pi) - 0.5
     column = (np.pi - phi) * (n_phi / (2 * np.pi)) - 0.5
     top, left = (jnp.floor(a).astype(jnp.int32) for a in (row, column))
