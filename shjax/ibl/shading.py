@@ -126,8 +126,7 @@ def _shade_points(
     light: PrefilteredLight, normals, views, albedo, roughness, metallic, f0
 ) -> jax.Array:
     """Points ``(n, 3)``, one light; colours have the channel in front inside."""
-    channels = albedo.shape[-1]
-    albedo, f0, metal = albedo.T, f0.T, _each(metallic, channels)
+    albedo, f0, metal = albedo.T, f0.T, metallic[None]
     diffuse = albedo * (1 - metal)
     specular = f0 * (1 - metal) + albedo * metal
     alpha = jnp.maximum(roughness, math.sqrt(LEAST_ALPHA)) ** 2
@@ -135,7 +134,7 @@ def _shade_points(
     rough, fit = locate(alpha), family(light.maps)
     functions = view_functions(fit, rough, cosine)
     white, slope = uniform_response(fit, rough, functions)
-    gain = multiple_scattering(_each(white + slope, channels), specular)
+    gain = multiple_scattering((white + slope)[None], specular)
     glossy = _read(light.texels, rough, normals, views, functions, specular)
     received = evaluate(light.irradiance, normals).T
     if light.lights.heights.shape[-1]:
@@ -143,15 +142,6 @@ def _shade_points(
         received = received + from_caps.irradiance
         glossy = glossy + from_caps.base + specular * from_caps.slope
     return (received * diffuse * (1 / math.pi) + gain * glossy).T
-
-
-def _each(values: jax.Array, channels: int) -> jax.Array:
-    """``(n,)`` for every channel, ``(C, n)``.
-
-    Not by broadcasting: its transpose is a sum over an axis of three, which on a CPU
-    costs more than all else here; that of a stack adds three arrays.
-    """
-    return jnp.stack([values] * channels)
 
 
 def _read(texels, rough: Roughness, normals, views, functions, f0) -> jax.Array:
@@ -242,11 +232,11 @@ def _caps(lights: CapLights, normals, views, alpha) -> _Caps:
             jnp.where(lit & seen, lobe * fresnel, 0),
             jnp.where(lit & seen, lobe * (1 - fresnel), 0),
         )
-        colours = [
-            jnp.stack([amount[c] * one for c in range(amount.shape[0])])
-            for one in given
-        ]
-        return tuple(map(jnp.add, total, colours)), None
+        added = (
+            so_far + amount[:, None] * one[None]
+            for so_far, one in zip(total, given, strict=True)
+        )
+        return tuple(added), None
 
     rows = (towards.reshape(-1, 3), amounts.reshape(-1, amounts.shape[-1]))
     zero = jnp.zeros((amounts.shape[-1], normals.shape[0]), normals.dtype)
