@@ -197,6 +197,27 @@ def test_continuous_in_roughness_and_finite_everywhere(rng, smooth, dtype):
             assert all(np.all(np.isfinite(a)) for a in (value, *gradient))
 
 
+def test_the_poles_are_as_any_place(rng, dtype):
+    """R within a texel of a pole, beside the whole scene turned to the equator."""
+    coefs = jnp.asarray(random_light(rng, 8), dtype)
+    turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    r = np.array([0, 0, 1.0]) + 0.03 * rng.normal(size=(60, 3))
+    r[:30, 2] *= -1
+    r /= np.linalg.norm(r, axis=1, keepdims=True)
+    views = 0.3 * r + unit_vectors(rng, 60)
+    views /= np.linalg.norm(views, axis=1, keepdims=True)
+    normals = r + views
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def shaded(light, rotation):
+        n, v = (jnp.asarray(a @ rotation.T, dtype) for a in (normals, views))
+        light = ibl.prefilter_light(light, maps=9)
+        return ibl.shade(light, n, v, albedo=1.0, roughness=0.8, metallic=1.0)
+
+    turned = shjax.rotate(coefs, jnp.asarray(turn, dtype))
+    assert relative_error(shaded(coefs, np.eye(3)), shaded(turned, turn)) < 2e-3
+
+
 @pytest.mark.x64
 def test_gradients(rng):
     coefs = jnp.asarray(random_light(rng, 12))
