@@ -130,13 +130,14 @@ def test_prediction_with_a_diffuse_part(rng, dtype):
 def test_not_met_is_said_and_the_best_is_given(rng, dtype):
     light = smooth_light(rng, dtype)
     model = brdf.gaussian_microfacet(0.3)
-    tight = choose_model(light, model, rms_error=0.01, max_bytes=50_000)
+    max_bytes = 6_250 * light.dtype.itemsize
+    tight = choose_model(light, model, rms_error=0.01, max_bytes=max_bytes)
     assert not tight.met
-    assert tight.bytes <= 50_000
+    assert tight.bytes <= max_bytes
     assert tight.predicted_rms_error > 0.01
     assert "NOT MET" in tight.message
     loose = choose_model(
-        light, model, rms_error=tight.predicted_rms_error * 1.0001, max_bytes=50_000
+        light, model, rms_error=tight.predicted_rms_error * 1.0001, max_bytes=max_bytes
     )
     assert loose.met
     with pytest.raises(ValueError, match="max_bytes=10 is too small"):
