@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from shjax.arrays import Array
+
+_UNDETERMINED = 0.5  # of an unknown's variance, left by the data: the prior answers
 
 
 @functools.partial(
@@ -23,17 +27,22 @@ from shjax.arrays import Array
         "rank",
         "prior_fraction",
         "residual_norm",
+        "noise",
         "steps",
         "converged",
+        "full_value",
+        "full_covariance",
+        "forward",
+        "details",
     ),
-    meta_fields=("tolerance",),
+    meta_fields=("tolerance", "names"),
 )
 @dataclasses.dataclass(frozen=True)
 class Estimate:
     """What was estimated and how far to trust it.
 
     Attributes:
-        value: The unknowns, ``(K, C)``; directions that the data do not determine are 0.
+        value: The unknowns, ``(K, C)``; directions that nothing determines are 0.
         covariance: ``(C, K, K)``; infinite variance for what is not determined.
         singular_values: Of the design (root mean square over channels), falling ``(K,)``.
         singular_vectors: Their directions, ``(K, K)``, one a row.
@@ -41,9 +50,17 @@ class Estimate:
         prior_fraction: Share of each unknown that did not come from the data, ``(K, C)``,
             in [0, 1].
         residual_norm: Weighted root sum of squares, ``(C,)``.
+        noise: Standard deviation of a pixel of weight 1, ``(C,)``: given, or from the
+            residual.
         steps: Steps of the solver.
         converged: Whether the solver ended well in every channel.
+        full_value: All that was fitted, ``(J, C)``: ``value`` and what was marginalised.
+        full_covariance: Of that, ``(C, J, J)``.
+        forward: ``(full_value, gbuffer)`` to a picture; see :meth:`predict`.
+        details: More that the method found, by name: the prior's ``scale`` and
+            ``slope``, ``gains`` of pictures, an ``albedo``, a ``brdf``.
         tolerance: Singular values below this share of the largest count as zero.
+        names: Of the unknowns, where they are not coefficients.
     """
 
     value: Float[Array, "K C"]
@@ -53,9 +70,20 @@ class Estimate:
     rank: Int[Array, " C"]
     prior_fraction: Float[Array, "K C"]
     residual_norm: Float[Array, " C"]
+    noise: Float[Array, " C"]
     steps: Int[Array, ""]
     converged: Bool[Array, ""]
+    full_value: Float[Array, "J C"]
+    full_covariance: Float[Array, "C J J"]
+    forward: Any
+    details: dict[str, Any]
     tolerance: float
+    names: tuple[str, ...] = ()
+
+    @property
+    def standard_deviation(self) -> Float[jax.Array, "K C"]:
+        """Of each unknown: the root of the covariance's diagonal."""
+        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=1, axis2=2)).T
 
     @property
     def determined(self) -> np.ndarray:
@@ -90,6 +118,54 @@ class Estimate:
         if not np.any(np.asarray(self.rank)):
             return "nothing is determined: no pixel has weight and light"
         line = f"rank {count} of {size}, condition number {self.condition_number:.3g}"
+        if "scale" in self.details:
+            scale, slope = (float(self.details[n]) for n in ("scale", "slope"))
+            line += (
+                f", degrees above by a prior of scale {scale:.2g}, slope {slope:.2g}"
+            )
         if count == size:
             return line
+        lost = np.max(np.asarray(self.prior_fraction), axis=1) > _UNDETERMINED
+        if self.names:
+            words = [name for name, bad in zip(self.names, lost, strict=True) if bad]
+            return f"{line}; not determined: {', '.join(words) or 'a combination'}"
         return f"{line}; what is missing is left at 0 (see prior_fraction)"
+
+    def predict(
+        self, gbuffer: Any
+    ) -> tuple[Float[jax.Array, "H W C"], Float[jax.Array, "H W C"]]:
+        """The picture that the estimate predicts, and its standard deviation.
+
+        Args:
+            gbuffer: What the picture shows (:mod:`shjax.render`).
+
+        Returns:
+            Radiance and its standard deviation by the linearised forward model, each
+            ``(H, W, C)``; the deviation is infinite where the picture depends on what was
+            not determined. Noise of a new picture is not in it.
+        """
+        picture, push = jax.linearize(
+            lambda x: self.forward(x, gbuffer), self.full_value
+        )
+        known = jnp.isfinite(jnp.diagonal(self.full_covariance, axis1=1, axis2=2))
+        both = known[:, :, None] & known[:, None, :]
+        values, vectors = jnp.linalg.eigh(jnp.where(both, self.full_covariance, 0))
+        root = vectors * jnp.sqrt(jnp.maximum(values, 0))[:, None]  # [c, j, column]
+        variance = _sum_of_squares(push, jnp.moveaxis(root, 2, 0))
+        unknown = jax.vmap(jnp.diag)((~known).astype(picture.dtype)).swapaxes(0, 1)
+        reach = _sum_of_squares(push, unknown)
+        largest = jnp.max(jnp.abs(picture)) / jnp.maximum(
+            jnp.max(jnp.abs(self.full_value)), jnp.finfo(picture.dtype).tiny
+        )
+        lost = reach > (1e-5 * largest) ** 2
+        return picture, jnp.where(lost, jnp.inf, jnp.sqrt(variance))
+
+
+def _sum_of_squares(push: Any, tangents: jax.Array) -> jax.Array:
+    """Of pictures pushed forward, one of ``(n, C, J)`` at a time."""
+
+    def add(total, tangent):
+        return total + push(tangent.T) ** 2, None
+
+    start = jnp.zeros_like(push(tangents[0].T))
+    return jax.lax.scan(add, start, tangents)[0]

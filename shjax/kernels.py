@@ -205,12 +205,13 @@ def radial_coefs(brdf: Brdf, *, l_max: int) -> Float[jax.Array, "L C"]:
             "brdf must be radial about one centre; got "
             f"{', '.join(names) or 'parts about ' + ' and '.join(sorted(centres))}."
         )
-    gains = [_radial_gains(part, check_l_max(l_max)) for part in brdf.parts]
+    gains = [radial_gains(part, check_l_max(l_max)) for part in brdf.parts]
     shape = (l_max + 1, brdf.channels)
     return functools.reduce(jnp.add, [jnp.broadcast_to(g, shape) for g in gains])
 
 
-def _radial_gains(part: Part, l_max: int) -> jax.Array:
+def radial_gains(part: Part, l_max: int) -> jax.Array:
+    """``a_l`` of one radial part, ``(l_max + 1, C)``."""
     radial = part.model.radial
     assert radial is not None
     gains = jax.vmap(radial, in_axes=(-1, None), out_axes=-1)(part.parameters, l_max)
@@ -219,7 +220,7 @@ def _radial_gains(part: Part, l_max: int) -> jax.Array:
 
 @functools.partial(jax.jit, static_argnames=("l_max", "p_max"))
 def _closed_form(part: Part, *, l_max: int, p_max: int) -> jax.Array:
-    gains = _radial_gains(part, l_max)
+    gains = radial_gains(part, l_max)
     if part.model.centre == "normal":
         table = jnp.asarray(_normal_table(l_max, p_max), gains.dtype)
         return einsum("lc,lpq->lpqc", gains, table)

@@ -101,7 +101,7 @@ def test_import_loads_jax_and_numpy_only():
 
 
 def test_lazy_names_arrive_and_unknown_ones_do_not():
-    assert shjax.estimate_lighting.__module__ == "shjax.inverse"
+    assert shjax.estimate_lighting.__module__ == "shjax.inverse.lighting"
     assert "estimate_lighting" in dir(shjax)
     with pytest.raises(AttributeError, match="no attribute 'estimate_everything'"):
         _ = shjax.estimate_everything

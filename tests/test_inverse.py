@@ -1,5 +1,7 @@
 """Lighting from pictures that another code path made: the exact integral, Mitsuba."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,9 @@ import pytest
 import shjax
 from shjax import render
 from tests.helpers import check_gradients, relative_error, unit_vectors
+from tests.mitsuba import FRONT
 
+least_squares = functools.partial(shjax.estimate_lighting, prior=None)
 MITSUBA_AXES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # (x, y, z) = (z, x, y)_M
 
 
@@ -27,7 +31,7 @@ def plain(rng, dtype):
 
 def test_recovers_the_light_of_a_plain_picture(plain, dtype):
     lighting, normals, image = plain
-    estimate = shjax.estimate_lighting(image, normals)
+    estimate = least_squares(image, normals)
     assert relative_error(estimate.value, lighting) < 1000 * np.finfo(dtype).eps
     assert estimate.ok
     assert estimate.value.dtype == dtype
@@ -42,9 +46,7 @@ def test_equals_numpys_least_squares(plain, rng):
     noisy = image + 0.1 * rng.normal(size=image.shape).astype(image.dtype)
     weights = rng.uniform(0.2, 1, 400).astype(image.dtype)
     albedo = rng.uniform(0.3, 0.9, (400, 1)).astype(image.dtype)
-    estimate = shjax.estimate_lighting(
-        noisy * albedo, normals, mask=weights, albedo=albedo
-    )
+    estimate = least_squares(noisy * albedo, normals, mask=weights, albedo=albedo)
     gains = np.repeat([np.pi, 2 * np.pi / 3, np.pi / 4], [1, 3, 5]) / np.pi
     basis = np.asarray(shjax.basis(normals, l_max=2), float) * gains
     root = np.sqrt(weights.astype(float))[:, None]
@@ -61,7 +63,7 @@ def test_covariance_is_the_scatter_of_the_estimates(plain, rng):
     draws = np.stack(
         [
             np.asarray(
-                shjax.estimate_lighting(
+                least_squares(
                     image
                     + np.float32(0.05)
                     * rng.normal(size=image.shape).astype(image.dtype),
@@ -72,7 +74,7 @@ def test_covariance_is_the_scatter_of_the_estimates(plain, rng):
             for _ in range(400)
         ]
     )
-    estimate = shjax.estimate_lighting(image, normals, noise=0.05)
+    estimate = least_squares(image, normals, noise=0.05)
     predicted = np.sqrt(
         np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2)
     ).T
@@ -83,15 +85,15 @@ def test_covariance_is_the_scatter_of_the_estimates(plain, rng):
 def test_noise_is_estimated_from_the_residual(plain, rng):
     _, normals, image = plain
     noisy = image + 0.2 * rng.normal(size=image.shape).astype(image.dtype)
-    known = np.asarray(shjax.estimate_lighting(noisy, normals, noise=0.2).covariance)
-    found = np.asarray(shjax.estimate_lighting(noisy, normals).covariance)
+    known = np.asarray(least_squares(noisy, normals, noise=0.2).covariance)
+    found = np.asarray(least_squares(noisy, normals).covariance)
     np.testing.assert_allclose(np.sqrt(found / known), 1, rtol=0.12)
 
 
 def test_albedo_per_channel(plain):
     lighting, normals, image = plain
     albedo = np.array([0.9, 0.5, 0.1], image.dtype)
-    estimate = shjax.estimate_lighting(image * albedo, normals, albedo=albedo)
+    estimate = least_squares(image * albedo, normals, albedo=albedo)
     assert relative_error(estimate.value, lighting) < 1e-4
 
 
@@ -99,10 +101,10 @@ def test_albedo_per_channel(plain):
 def test_pictures_of_any_brightness(plain, brightness):
     lighting, normals, image = plain
     scale = image.dtype.type(brightness)
-    estimate = shjax.estimate_lighting(image * scale, normals)
+    estimate = least_squares(image * scale, normals)
     assert estimate.ok
     assert relative_error(np.asarray(estimate.value) / brightness, lighting) < 1e-4
-    dark = shjax.estimate_lighting(image * scale, normals, albedo=float(scale))
+    dark = least_squares(image * scale, normals, albedo=float(scale))
     assert relative_error(dark.value, lighting) < 1e-4
 
 
@@ -112,16 +114,14 @@ def test_constant_light_from_a_large_picture():
     ball = render.sphere(192)
     picture = jnp.asarray(render.lambertian(ball, light), jnp.float32)
     normals = jnp.asarray(ball.normals, jnp.float32)
-    estimate = shjax.estimate_lighting(
-        picture, normals, mask=np.asarray(ball.mask) == 1
-    )
+    estimate = least_squares(picture, normals, mask=np.asarray(ball.mask) == 1)
     assert relative_error(estimate.value, light) < 1e-5
 
 
 def test_a_channel_without_light_is_not_determined(plain):
     _, normals, image = plain
     albedo = np.array([0, 1, 1], image.dtype)
-    estimate = shjax.estimate_lighting(image * albedo, normals, albedo=albedo)
+    estimate = least_squares(image * albedo, normals, albedo=albedo)
     assert not estimate.ok
     assert np.asarray(estimate.rank).tolist() == [0, 9, 9]
     np.testing.assert_allclose(estimate.prior_fraction[:, 0], 1)
@@ -136,13 +136,13 @@ def test_any_leading_shape_and_masked_rubbish(plain):
     image[3, 4], mask[3, 4] = np.nan, False
     normals[5, 6], image[5, 6] = 0, 1e6  # nothing is seen there
     with jax.debug_nans(False):
-        estimate = shjax.estimate_lighting(image, normals, mask=mask)
+        estimate = least_squares(image, normals, mask=mask)
     assert relative_error(estimate.value, lighting) < 1e-4
 
 
 def test_odd_degrees_are_said_to_be_invisible(plain):
     lighting, normals, image = plain
-    estimate = shjax.estimate_lighting(image, normals, l_max=4)
+    estimate = least_squares(image, normals, l_max=4)
     assert relative_error(estimate.value[:9], lighting) < 1e-4
     assert estimate.null_space.shape == (7, 25)  # the degree 3
     np.testing.assert_array_equal(estimate.prior_fraction[9:16] > 0.99, True)
@@ -156,7 +156,7 @@ def test_odd_degrees_are_said_to_be_invisible(plain):
 
 def test_one_normal_determines_one_number(dtype):
     normals = np.tile(np.array([0, 0, 1], dtype), (30, 1))
-    estimate = shjax.estimate_lighting(np.ones((30, 1), dtype), normals)
+    estimate = least_squares(np.ones((30, 1), dtype), normals)
     assert not estimate.ok
     assert estimate.null_space.shape == (8, 9)
     assert np.all(np.isfinite(np.asarray(estimate.value)))
@@ -166,7 +166,7 @@ def test_one_normal_determines_one_number(dtype):
 
 def test_fewer_pixels_than_unknowns(dtype, rng):
     normals = unit_vectors(rng, 4).astype(dtype)
-    estimate = shjax.estimate_lighting(np.ones((4, 2), dtype), normals)
+    estimate = least_squares(np.ones((4, 2), dtype), normals)
     assert estimate.null_space.shape == (5, 9)
     assert not estimate.ok
     assert np.all(estimate.rank == 4)
@@ -174,7 +174,7 @@ def test_fewer_pixels_than_unknowns(dtype, rng):
 
 def test_an_empty_mask_determines_nothing(plain):
     _, normals, image = plain
-    estimate = shjax.estimate_lighting(image, normals, mask=np.zeros(400))
+    estimate = least_squares(image, normals, mask=np.zeros(400))
     assert not estimate.ok
     assert estimate.message.startswith("nothing is determined")
 
@@ -182,9 +182,9 @@ def test_an_empty_mask_determines_nothing(plain):
 def test_condition_numbers_of_the_whole_and_half_sphere():
     normals = shjax.sphere.fibonacci_directions(4000)
     image = np.ones((4000, 1))
-    whole = shjax.estimate_lighting(image, normals)
+    whole = least_squares(image, normals)
     assert whole.condition_number == pytest.approx(4, rel=0.02)  # Ahat_0 / Ahat_2
-    front = shjax.estimate_lighting(image, normals, mask=normals[:, 0] > 0.2)
+    front = least_squares(image, normals, mask=normals[:, 0] > 0.2)
     assert 30 < front.condition_number < 70
 
 
@@ -207,13 +207,13 @@ def test_wrong_arguments_are_refused(change, message):
     up = np.tile([0.0, 0, 1], (5, 1))
     arguments = {"image": np.ones((5, 1)), "normals": up} | change
     with pytest.raises(ValueError, match=message):
-        shjax.estimate_lighting(**arguments)
+        least_squares(**arguments)
 
 
 def test_jit_and_vmap(plain):
     _, normals, image = plain
-    one = jax.jit(lambda i: shjax.estimate_lighting(i, normals).value)(image)
-    both = jax.vmap(lambda i: shjax.estimate_lighting(i, normals).value)(
+    one = jax.jit(lambda i: least_squares(i, normals).value)(image)
+    both = jax.vmap(lambda i: least_squares(i, normals).value)(
         jnp.stack([image, 2 * image])
     )
     assert relative_error(both[1], 2 * one) < 1e-5
@@ -226,7 +226,7 @@ def test_gradient_of_the_estimate(plain, rng):
     albedo = jnp.asarray(rng.uniform(0.4, 1, (40, 3)))
     some = jnp.asarray(normals[:40])
     check_gradients(
-        lambda i, a: shjax.estimate_lighting(i, some, albedo=a).value,
+        lambda i, a: least_squares(i, some, albedo=a).value,
         noisy,
         albedo,
         tolerance=1e-6,
@@ -247,7 +247,7 @@ def test_a_picture_by_another_renderer(data, env, plain_error):
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = np.where(length > 0, normals / np.where(length > 0, length, 1), 0)
     mask = normals[..., 2] > 0.2  # edge pixels are not of one normal
-    estimate = shjax.estimate_lighting(image, normals @ MITSUBA_AXES.T, mask=mask)
+    estimate = least_squares(image, normals @ MITSUBA_AXES.T, mask=mask)
     truth = mitsuba_lighting(renders / f"envs/{env}.exr")
     error = relative_error(estimate.value, truth)
     assert error == pytest.approx(plain_error, abs=0.02)
@@ -266,7 +266,7 @@ def test_a_picture_by_another_renderer(data, env, plain_error):
     assert relative_error(estimate.value, other) < 1e-5
 
 
-def mitsuba_lighting(path):
+def mitsuba_lighting(path, l_max=2):
     """Coefficients of an environment whose rows reach from pole to pole."""
     image = shjax.io.read_image(path).astype(float)
     height, width, _ = image.shape
@@ -278,7 +278,7 @@ def mitsuba_lighting(path):
     edges = np.clip((np.arange(height + 1) - 0.5) / (height - 1), 0, 1) * np.pi
     weights = np.repeat(-np.diff(np.cos(edges)) * 2 * np.pi / width, width)
     flat = (image.reshape(-1, 3), directions.reshape(-1, 3), weights)
-    return np.asarray(shjax.project_samples(*flat, l_max=2))
+    return np.asarray(shjax.project_samples(*flat, l_max=l_max))
 
 
 def test_light_of_the_exact_sphere_is_biased_by_one_view(data):
@@ -287,8 +287,234 @@ def test_light_of_the_exact_sphere_is_biased_by_one_view(data):
     samples = [jnp.asarray(part, np.float32) for part in envmap.samples()]
     picture = render.lambertian_reference(ball, *samples)
     normals = jnp.asarray(ball.normals, picture.dtype)
-    estimate = shjax.estimate_lighting(
-        picture, normals, mask=np.asarray(ball.mask) == 1
-    )
+    estimate = least_squares(picture, normals, mask=np.asarray(ball.mask) == 1)
     error = relative_error(estimate.value, envmap.lighting(l_max=2))
     assert 0.01 < error < 0.6
+
+
+REAL = ["city", "forest", "night", "studio", "sunset", "workshop"]
+
+
+def front_sphere(data, env, folder="lambert", end=""):
+    path = data / "renders" / folder / f"sphere_{env}_front{end}.exr"
+    return shjax.io.read_image(path).astype(float)
+
+
+@pytest.mark.x64
+@pytest.mark.parametrize(
+    ("folder", "end", "light_error", "visible_error"),
+    [("lambert", "", 2.2, 0.17), ("lambert_noisy", "_spp16", 6.0, 0.8)],
+)
+def test_prior_from_each_picture_on_real_light(
+    data, folder, end, light_error, visible_error
+):
+    """Medians over six places, in percent."""
+    parts = render.footprints(128, FRONT, samples=8)
+    found = []
+    for env in REAL:
+        image = front_sphere(data, f"real_{env}", folder, end)
+        estimate = shjax.estimate_lighting(image, parts)
+        truth = mitsuba_lighting(data / f"renders/envs/real_{env}.exr", 10)
+        light = relative_error(estimate.value, truth[:9])
+        normals = render.sphere(128, FRONT).normals
+        exact, fitted = (
+            np.asarray(shjax.irradiance(jnp.asarray(c), normals)).reshape(-1, 3)
+            for c in (truth, estimate.full_value)
+        )
+        seen = np.any(np.asarray(normals).reshape(-1, 3) != 0, axis=-1)
+        visible = np.abs(fitted - exact)[seen].mean() / exact[seen].mean()
+        found.append((100 * light, 100 * visible))
+        assert estimate.ok
+    median = np.median(found, axis=0)
+    assert median[0] < light_error
+    assert median[1] < visible_error
+
+
+@pytest.mark.x64
+def test_prior_costs_little_where_the_light_ends_at_degree_2(data):
+    parts = render.footprints(128, FRONT, samples=8)
+    image = front_sphere(data, "band2")
+    truth = mitsuba_lighting(data / "renders/envs/band2.exr", 2)
+    plain = relative_error(least_squares(image, parts).value, truth)
+    chosen = shjax.estimate_lighting(image, parts)
+    assert relative_error(chosen.value, truth) < 2 * plain
+    assert "scale" in chosen.message
+
+
+@pytest.mark.x64
+def test_clipped_pixels_are_one_sided(data):
+    """A third of the picture clipped, with 8 bits: visible irradiance (percent)."""
+    from shjax.inverse import decode
+
+    parts = render.footprints(128, FRONT, samples=4)
+    ball = render.sphere(128, FRONT)
+    found = []
+    for env in REAL:
+        name = f"sphere_real_{env}_front_srgb8_clip30.png"
+        stored = np.asarray(iio_read(data / "renders/lambert_ldr" / name))
+        scale = ldr_scale(data, f"lambert_ldr/{name}")
+        picture = decode(stored, exposure=1 / scale)
+        mask = np.asarray(ball.mask) == 1
+        estimate = shjax.estimate_lighting(
+            picture.radiance, parts, mask=mask, clipped=picture.clipped
+        )
+        assert estimate.converged
+        truth = mitsuba_lighting(data / f"renders/envs/real_{env}.exr", 10)
+        exact, fitted = (
+            np.asarray(shjax.irradiance(jnp.asarray(c), ball.normals))[mask]
+            for c in (truth, estimate.full_value)
+        )
+        found.append(100 * np.abs(fitted - exact).mean() / exact.mean())
+    assert np.median(found) < 1.25
+
+
+def iio_read(path):
+    from PIL import Image
+
+    return np.asarray(Image.open(path))[..., :3]
+
+
+def ldr_scale(data, name):
+    import json
+
+    manifest = json.loads((data / "renders/manifest.json").read_text())
+    return next(i["scale"] for i in manifest["items"] if i["file"] == name)
+
+
+@pytest.mark.x64
+def test_robust_losses_leave_outliers_out(plain, rng):
+    lighting, normals, image = plain
+    spoilt = image + 0.01 * rng.normal(size=image.shape)
+    spoilt[rng.choice(400, 40, replace=False)] += 20
+    squares = relative_error(least_squares(spoilt, normals).value, lighting)
+    for loss, limit in (("huber", 0.02), ("cauchy", 0.005)):
+        estimate = least_squares(spoilt, normals, loss=loss)
+        assert estimate.converged
+        assert relative_error(estimate.value, lighting) < min(limit, squares / 10)
+    with pytest.raises(ValueError, match="loss must be one of"):
+        least_squares(spoilt, normals, loss="tukey")
+
+
+@pytest.mark.x64
+def test_gradients_with_the_prior_and_with_robust_losses(plain, rng):
+    _, normals, image = plain
+    noisy = jnp.asarray(image[:120] + 0.1 * rng.normal(size=(120, 3)))
+    some = jnp.asarray(normals[:120])
+    check_gradients(
+        lambda i: shjax.estimate_lighting(i, some, fit_l_max=4).value,
+        noisy,
+        tolerance=1e-6,
+    )
+    check_gradients(
+        lambda i: least_squares(i, some, loss="cauchy").value, noisy, tolerance=1e-6
+    )
+
+
+@pytest.mark.x64
+def test_plain_mode_is_calibrated(plain, rng):
+    """2000 draws: variance over the Cramer-Rao bound, and Mahalanobis distances."""
+    lighting, normals, image = plain
+    noise = 0.05
+    draws = image + noise * rng.normal(size=(2000, *image.shape))
+    values = jax.lax.map(
+        lambda i: least_squares(i, normals, noise=noise).value, jnp.asarray(draws)
+    )
+    gains = np.repeat([1, 2 / 3, 1 / 4], [1, 3, 5])
+    design = np.asarray(shjax.basis(normals, l_max=2)) * gains
+    bound = np.linalg.inv(design.T @ design) * noise**2
+    apart = np.asarray(values) - lighting
+    ratio = apart.var(axis=0) / np.diag(bound)[:, None]
+    assert abs(ratio.mean() - 1) < 0.03
+    inverse = np.linalg.inv(bound)
+    distance = np.einsum("nic,ij,njc->n", apart, inverse, apart)
+    assert abs(distance.mean() - 27) < 0.6
+    mean = apart.mean(axis=0)
+    assert 2000 * np.einsum("ic,ij,jc->", mean, inverse, mean) < 55.5  # 99.9 %
+    stated = least_squares(image, normals, noise=noise).covariance[0]
+    np.testing.assert_allclose(stated, bound, rtol=1e-8)
+
+
+@pytest.mark.x64
+def test_intervals_under_a_prior_cover_what_they_say(rng):
+    """Truths drawn from the prior, seen from one side."""
+    from shjax.harmonics.degrees import degrees
+
+    normals = unit_vectors(rng, 600)
+    normals[:, 0] = np.abs(normals[:, 0])
+    deviations = np.concatenate([[1e3], 0.4 * np.arange(1, 11) ** -1.0])
+    truths = rng.normal(size=(500, 121, 3)) * deviations[degrees(10)][:, None]
+    truths[:, 0] = 1.0
+    exact = jax.vmap(lambda t: shjax.irradiance(t, jnp.asarray(normals)))(
+        jnp.asarray(truths)
+    )
+    images = exact / np.pi + 0.01 * rng.normal(size=exact.shape)
+
+    def one(image):
+        found = shjax.estimate_lighting(
+            image, normals, noise=0.01, prior=jnp.asarray(deviations)
+        )
+        return found.value, found.standard_deviation
+
+    value, deviation = jax.lax.map(one, images)
+    apart = np.abs(np.asarray(value) - truths[:, :9]) / np.asarray(deviation)
+    assert 0.65 < (apart < 1).mean() < 0.71
+    assert 0.935 < (apart < 1.96).mean() < 0.965
+
+
+@pytest.mark.x64
+def test_lighting_from_a_glossy_surface(rng):
+    """Pictures by the integral over a panorama's pixels."""
+    lighting = rng.normal(size=(36, 2))
+    lighting[0] += 4
+    panorama = shjax.synthesize(jnp.asarray(lighting), n_theta=48, n_phi=96)
+    normals, views = unit_vectors(rng, 400), unit_vectors(rng, 400)
+    views *= np.sign(np.sum(normals * views, axis=-1, keepdims=True))
+    surface = shjax.brdf.lambertian(0.3) + shjax.brdf.phong_cosine(8.0)
+    image = shjax.reference_reflection(
+        panorama, surface, jnp.asarray(normals), jnp.asarray(views)
+    )
+    estimate = least_squares(image, normals, views=views, brdf=surface, l_max=5)
+    assert estimate.ok
+    assert relative_error(estimate.value, lighting) < 0.01
+    with pytest.raises(ValueError, match="views must have shape"):
+        least_squares(image, normals, brdf=surface)
+
+
+@pytest.mark.x64
+def test_predicted_picture_has_an_error_bar(plain, rng):
+    lighting, normals, image = plain
+    noisy = image + 0.05 * rng.normal(size=image.shape)
+    ball = render.sphere(24)
+    estimate = least_squares(noisy, normals)
+    picture, deviation = estimate.predict(ball)
+    truth = render.lambertian(ball, jnp.asarray(lighting))
+    seen = np.asarray(ball.mask) > 0
+    apart = np.abs(np.asarray(picture - truth))[seen] / np.asarray(deviation)[seen]
+    assert 0.3 < np.mean(apart < 1) < 1
+    assert np.all(np.asarray(deviation)[~seen] == 0)
+    up = np.tile([0.0, 0, 1], (30, 1))
+    one = least_squares(np.ones((30, 1)), up)
+    assert np.isinf(np.asarray(one.predict(ball)[1])[12, 12, 0])
+
+
+@pytest.mark.x64
+def test_a_mesh_that_shadows_itself(data):
+    """The bunny under light of degree 2: the cosine alone is far off."""
+    from shjax.inverse import visible_cosine
+
+    pytest.importorskip("embreex")
+    geometry = render.meshes.load_mesh(data / "renders/meshes/bunny.ply")
+    geometry = geometry.copy()
+    geometry.vertices = np.asarray(geometry.vertices) @ MITSUBA_AXES.T
+    trace = render.trace_mesh(geometry, FRONT, 128)
+    rows = visible_cosine(trace, l_max=2, directions=2048)
+    name = data / "renders/mesh/bunny_band2_front_shadow.exr"
+    image = shjax.io.read_image(name).astype(float)
+    ball = trace.gbuffer
+    facing = np.sum(np.asarray(ball.normals) * np.asarray(ball.views), axis=-1) > 0.2
+    mask = (np.asarray(ball.mask) == 1) & facing
+    truth = mitsuba_lighting(data / "renders/envs/band2.exr", 2)
+    shadowed = least_squares(image, None, rows=rows, mask=mask, albedo=0.8)
+    without = least_squares(image, np.asarray(ball.normals), mask=mask, albedo=0.8)
+    assert relative_error(without.value, truth) > 0.1
+    assert relative_error(shadowed.value, truth) < 0.05

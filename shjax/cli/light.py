@@ -184,8 +184,8 @@ def run(
     seen = ball.mask == 1
     from_nine = render.lambertian(ball, nine)
     recovered = {
-        "self": shjax.estimate_lighting(from_nine, ball.normals, mask=seen),
-        "exact": shjax.estimate_lighting(exact, ball.normals, mask=seen),
+        "self": shjax.estimate_lighting(from_nine, ball.normals, mask=seen, prior=None),
+        "exact": shjax.estimate_lighting(exact, ball.normals, mask=seen, prior=None),
     }
     result = {
         "schema": SCHEMA,

@@ -3,6 +3,7 @@
 from shjax.render.camera import Camera as Camera
 from shjax.render.camera import camera_rays as camera_rays
 from shjax.render.gbuffer import GBuffer as GBuffer
+from shjax.render.gbuffer import footprints as footprints
 from shjax.render.gbuffer import make_gbuffer as make_gbuffer
 from shjax.render.gbuffer import sphere as sphere
 from shjax.render.meshes import Trace as Trace

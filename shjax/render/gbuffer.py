@@ -7,6 +7,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import Array, as_float
@@ -160,3 +161,36 @@ def _hit_sphere(origins: jax.Array, directions: jax.Array):
     depth = jnp.sqrt(jnp.where(hit, inside, 1))
     normals = normalize(nearest - depth[..., None] * directions)
     return jnp.where(hit[..., None], normals, 0), hit
+
+
+def footprints(
+    size: int | tuple[int, int], camera: Camera | None = None, *, samples: int = 4
+) -> Float[jax.Array, "H W S 3"]:
+    """Normals of the unit sphere at the parts of each pixel.
+
+    For :func:`shjax.estimate_lighting`: a pixel holds the mean over its parts, those on
+    an outline with the black background.
+
+    Args:
+        size: Pixels of a square picture, or (height, width).
+        camera: As for :func:`sphere`.
+        samples: Parts along each side of a pixel.
+
+    Returns:
+        ``(H, W, samples^2, 3)``; zero where a part misses the sphere.
+
+    Raises:
+        ValueError: If a size is not positive or the camera sees along its own up.
+    """
+    height, width = (size, size) if isinstance(size, int) else size
+    if min(height, width, samples) < 1:
+        raise ValueError(f"size and samples must be positive; got {size}, {samples}.")
+    camera = camera or Camera()
+    check_camera(camera)
+    steps = (np.arange(samples) + 0.5) / samples - 0.5
+    parts = [
+        _hit_sphere(*camera_rays(height, width, camera, (float(i), float(j))))[0]
+        for i in steps
+        for j in steps
+    ]
+    return jnp.stack(parts, axis=2)

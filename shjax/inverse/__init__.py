@@ -1,0 +1,6 @@
+"""From pictures back to lighting and reflectance, and what they could not determine."""
+
+from shjax.inverse.lighting import estimate_lighting as estimate_lighting
+from shjax.inverse.pictures import Decoded as Decoded
+from shjax.inverse.pictures import decode as decode
+from shjax.inverse.rows import visible_cosine as visible_cosine

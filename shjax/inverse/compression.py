@@ -1,0 +1,95 @@
+"""A linear problem of many pixels as one of as many rows as unknowns, by QR.
+
+``min |W^(1/2) (A x - y)|`` has the minimiser of ``min |R x - z|`` with ``A = Q R`` and
+``z = Q^T y``: whatever is solved afterwards (plain, with a prior, nonlinear) works on J
+rows for J unknowns, and no longer knows how many pixels there were.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from shjax.arrays import in_blocks
+
+
+class Compressed(NamedTuple):
+    """A least-squares problem in J rows, channels in front.
+
+    Attributes:
+        r: Upper triangles, ``(C, J, J)``.
+        z: Right sides, ``(C, J)``.
+        rest: Squared norm of what no unknown can explain, ``(C,)``.
+        power: Squared norm of the data, ``(C,)``.
+        used: How many pixels have weight, ``(C,)``.
+    """
+
+    r: jax.Array
+    z: jax.Array
+    rest: jax.Array
+    power: jax.Array
+    used: jax.Array
+
+
+def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compressed:
+    """Compress ``design x = target``.
+
+    Args:
+        design: ``(D, N, J)``; D = 1 serves all channels, and costs one factorisation.
+        target: ``(N, C)``.
+        weights: Of the squared residuals, ``(N,)``, or ``(N, C)`` where D = C.
+    """
+    channels, missing = target.shape[-1], design.shape[-1] - design.shape[1]
+    if missing > 0:  # fewer pixels than unknowns: pixels of weight 0 make a square
+        design = jnp.pad(design, ((0, 0), (0, missing), (0, 0)))
+        target = jnp.pad(target, ((0, missing), (0, 0)))
+        weights = jnp.pad(weights, ((0, missing),) + ((0, 0),) * (weights.ndim - 1))
+    weights = weights if weights.ndim == 2 else weights[:, None]
+    root = jnp.where(weights > 0, jnp.sqrt(jnp.where(weights > 0, weights, 1)), 0)
+    wide = (target.shape[0], max(weights.shape[1], design.shape[0]))
+    root = jnp.broadcast_to(root, wide)
+    if wide[1] > design.shape[0]:
+        design = jnp.broadcast_to(design, (wide[1], *design.shape[1:]))
+    target = jnp.where(root > 0, target, 0) * root
+    q, r = jnp.linalg.qr(design * root.T[..., None])  # [d, n, j]
+    if wide[1] == 1:
+        q, r = (jnp.broadcast_to(a, (channels, *a.shape[1:])) for a in (q, r))
+
+    def project(q_of_channel, column):
+        # In blocks, not as a product: a long float32 sum of like terms drifts by 2e-4.
+        blocks = in_blocks(q_of_channel * column[:, None], 256)
+        return jnp.sum(jnp.sum(blocks, axis=1), axis=0)
+
+    z = jax.vmap(project, in_axes=(0, 1))(q, target)
+    fit = jnp.einsum("cnj,cj->nc", q, z, precision=jax.lax.Precision.HIGHEST)
+    count = jnp.broadcast_to(jnp.sum(root > 0, axis=0), (channels,))
+    rest, power = (jnp.sum(a * a, axis=0) for a in (target - fit, target))
+    return Compressed(r, z, rest, power, count.astype(target.dtype))
+
+
+def first_columns(problem: Compressed, size: int) -> Compressed:
+    """The problem of the first unknowns alone; the others are 0."""
+    left = problem.z[:, size:]
+    return problem._replace(
+        r=problem.r[:, :size, :size],
+        z=problem.z[:, :size],
+        rest=problem.rest + jnp.sum(left * left, axis=-1),
+    )
+
+
+def noise_variance(problem: Compressed, sigma: jax.Array | None) -> jax.Array:
+    """Variance of a pixel of weight 1, ``(C,)``: as given, or from what is left over.
+
+    Never below the rounding of the data.
+    """
+    if sigma is None:
+        freedom = jnp.maximum(problem.used - problem.z.shape[-1], 1)
+        variance = problem.rest / freedom
+    else:
+        variance = sigma**2
+    mean = problem.power / jnp.maximum(problem.used, 1)
+    eps = jnp.finfo(mean.dtype).eps
+    tiny = jnp.finfo(mean.dtype).tiny
+    return jnp.maximum(variance, jnp.maximum(eps * mean, tiny / eps))

@@ -1,0 +1,54 @@
+"""The solver of compressed linear problems, and what such a problem determines."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+
+_matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+
+
+def least_squares(r: jax.Array, target: jax.Array, *, tolerance: float):
+    """Least-norm solution of ``min |r x - target|``: value, steps, and how it ended."""
+    # In units in which both are of order one, so that the solver's tolerances mean
+    # the same for a picture of any brightness.
+    unit_r, unit_target = (scale_of(a) for a in (r, target))
+    tight = float(jnp.finfo(r.dtype).eps) ** 0.75
+    solver = optx.GaussNewton(tight, tight, linear_solver=lx.SVD(rcond=tolerance))
+    solution = optx.least_squares(
+        lambda x, args: _matmul(args[0], x) - args[1],
+        solver,
+        jnp.zeros(r.shape[1], r.dtype),
+        args=(r / unit_r, target / unit_target),
+        max_steps=16,
+        throw=False,
+    )
+    ended = solution.result == optx.RESULTS.successful
+    value = solution.value * (unit_target / unit_r)
+    return value, solution.stats["num_steps"], ended
+
+
+def scale_of(values: jax.Array) -> jax.Array:
+    """The largest magnitude, 1 for zeros; a constant wherever it is differentiated."""
+    largest = jnp.max(jnp.abs(jax.lax.stop_gradient(values)))
+    return jnp.where(largest > 0, largest, 1)
+
+
+def diagnose(r: jax.Array, *, tolerance: float):
+    """Pseudo-inverse of ``r^T r``, the rank, and each unknown's undetermined share."""
+    _, values, vectors = jnp.linalg.svd(r, full_matrices=False)
+    known = values > tolerance * values[0]
+    inverse = jnp.where(known, 1 / jnp.where(known, values, 1), 0)
+    half = vectors * inverse[:, None]
+    share = 1 - jnp.sum(jnp.where(known[:, None], vectors**2, 0), axis=0)
+    return _matmul(half.T, half), jnp.sum(known), jnp.clip(share, 0, 1)
+
+
+def embed(matrix: jax.Array, rows: np.ndarray, size: int) -> jax.Array:
+    """A matrix of some unknowns among all of them; zeros elsewhere."""
+    return jnp.zeros((size, size), matrix.dtype).at[rows[:, None], rows].set(matrix)
