@@ -1,14 +1,19 @@
 """Lighting from pictures that another code path made: the exact integral, Mitsuba."""
 
 import functools
+import json
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from PIL import Image
 
 import shjax
 from shjax import render
+from shjax.harmonics.degrees import degrees
+from shjax.inverse import decode, visible_cosine
+from shjax.inverse.glossy import light_up, reflected, table_to
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT
 
@@ -201,13 +206,21 @@ def test_condition_numbers_of_the_whole_and_half_sphere():
         ({"noise": np.ones(3)}, "noise must be"),
         ({"noise": -1.0}, "noise must not be negative"),
         ({"l_max": -1}, "l_max"),
+        ({"prior": "sky"}, "prior must be 'picture', None or numbers"),
+        ({"prior": np.ones(3)}, "one standard deviation a degree"),
+        ({"prior": np.zeros(11)}, "prior must be positive"),
+        ({"clipped": np.ones((5, 3), bool)}, "clipped must have the shape"),
+        ({"rows": np.ones((5, 9))}, "rows stand in place of normals"),
+        ({"normals": None}, "normals must be given"),
+        ({"normals": None, "rows": np.ones((5, 7))}, "rows must have shape"),
+        ({"brdf": shjax.brdf.kajiya_kay(9.0)}, "views must have shape"),
     ],
 )
 def test_wrong_arguments_are_refused(change, message):
     up = np.tile([0.0, 0, 1], (5, 1))
     arguments = {"image": np.ones((5, 1)), "normals": up} | change
     with pytest.raises(ValueError, match=message):
-        least_squares(**arguments)
+        shjax.estimate_lighting(**arguments)
 
 
 def test_jit_and_vmap(plain):
@@ -342,16 +355,35 @@ def test_prior_costs_little_where_the_light_ends_at_degree_2(data):
 
 
 @pytest.mark.x64
+def test_two_views_determine_the_light(data):
+    """Asked: 1.2 % on five places of six, 4.7 % in the studio."""
+    for env in REAL:
+        images, normals, masks = [], [], []
+        for camera, towards in (("front", (0, 0, 1)), ("oblique", (2.2, 1.4, 2.6))):
+            path = data / f"renders/lambert/sphere_real_{env}_{camera}.exr"
+            images.append(shjax.io.read_image(path).astype(float))
+            path = data / f"renders/aov/sphere_{camera}_normal.exr"
+            found = shjax.sphere.normalize(shjax.io.read_image(path).astype(float))
+            line = np.array(towards, float) / np.linalg.norm(towards)
+            masks.append(np.asarray(found) @ line > 0.2)
+            normals.append(np.asarray(found) @ MITSUBA_AXES.T)
+        estimate = shjax.estimate_lighting(
+            np.stack(images), np.stack(normals), mask=np.stack(masks)
+        )
+        truth = mitsuba_lighting(data / f"renders/envs/real_{env}.exr")
+        limit = 0.047 if env == "studio" else 0.012
+        assert relative_error(estimate.value, truth) < limit
+
+
+@pytest.mark.x64
 def test_clipped_pixels_are_one_sided(data):
     """A third of the picture clipped, with 8 bits: visible irradiance (percent)."""
-    from shjax.inverse import decode
-
     parts = render.footprints(128, FRONT, samples=4)
     ball = render.sphere(128, FRONT)
     found = []
     for env in REAL:
         name = f"sphere_real_{env}_front_srgb8_clip30.png"
-        stored = np.asarray(iio_read(data / "renders/lambert_ldr" / name))
+        stored = np.asarray(read_stored(data / "renders/lambert_ldr" / name))
         scale = ldr_scale(data, f"lambert_ldr/{name}")
         picture = decode(stored, exposure=1 / scale)
         mask = np.asarray(ball.mask) == 1
@@ -368,15 +400,11 @@ def test_clipped_pixels_are_one_sided(data):
     assert np.median(found) < 1.25
 
 
-def iio_read(path):
-    from PIL import Image
-
+def read_stored(path):
     return np.asarray(Image.open(path))[..., :3]
 
 
 def ldr_scale(data, name):
-    import json
-
     manifest = json.loads((data / "renders/manifest.json").read_text())
     return next(i["scale"] for i in manifest["items"] if i["file"] == name)
 
@@ -437,8 +465,6 @@ def test_plain_mode_is_calibrated(plain, rng):
 @pytest.mark.x64
 def test_intervals_under_a_prior_cover_what_they_say(rng):
     """Truths drawn from the prior, seen from one side."""
-    from shjax.harmonics.degrees import degrees
-
     normals = unit_vectors(rng, 600)
     normals[:, 0] = np.abs(normals[:, 0])
     deviations = np.concatenate([[1e3], 0.4 * np.arange(1, 11) ** -1.0])
@@ -500,8 +526,6 @@ def test_predicted_picture_has_an_error_bar(plain, rng):
 @pytest.mark.x64
 def test_a_mesh_that_shadows_itself(data):
     """The bunny under light of degree 2: the cosine alone is far off."""
-    from shjax.inverse import visible_cosine
-
     pytest.importorskip("embreex")
     geometry = render.meshes.load_mesh(data / "renders/meshes/bunny.ply")
     geometry = geometry.copy()
@@ -518,3 +542,50 @@ def test_a_mesh_that_shadows_itself(data):
     without = least_squares(image, np.asarray(ball.normals), mask=mask, albedo=0.8)
     assert relative_error(without.value, truth) > 0.1
     assert relative_error(shadowed.value, truth) < 0.05
+
+
+@pytest.mark.x64
+@pytest.mark.parametrize(
+    ("surface", "limit"),
+    [
+        (shjax.brdf.lambertian(0.7), 1e-4),
+        (shjax.brdf.phong(20.0), 1e-12),
+        (shjax.brdf.phong(20.0, horizon=True), 3e-3),
+        (shjax.brdf.phong_cosine(20.0), 1e-4),
+        (shjax.brdf.ggx(0.1, 1.0), 2e-3),
+        (shjax.brdf.ggx(0.4, 0.04), 3e-3),
+        (shjax.brdf.gaussian_microfacet(0.3), 3e-3),
+    ],
+    ids=["matte", "phong", "horizon", "cosine", "ggx .1", "ggx .4", "microfacet"],
+)
+def test_lit_pixels_are_the_integral(surface, limit, rng):
+    """The forward model behind glossy rows, beside the sum over a panorama's pixels."""
+    lighting = rng.normal(size=(441, 1)) / (1 + degrees(20))[:, None]
+    panorama = shjax.synthesize(jnp.asarray(lighting), n_theta=96, n_phi=192)
+    normals, views = (unit_vectors(rng, 60) for _ in range(2))
+    views *= np.sign(np.sum(normals * views, axis=-1, keepdims=True))
+    kept = np.sum(normals * views, axis=-1) > 0.2
+    normals, views = jnp.asarray(normals[kept]), jnp.asarray(views[kept])
+    table = table_to(0.2)
+    lit = light_up(jnp.asarray(lighting), normals, views, table, radial=False)
+    exact = shjax.reference_reflection(panorama, surface, normals, views)
+    apart = np.abs(np.asarray(reflected(surface, lit, table) - exact)).max()
+    assert apart < limit * np.abs(np.asarray(exact)).max()
+
+
+@pytest.mark.x64
+def test_a_glossy_prediction_is_the_picture(rng):
+    lighting = rng.normal(size=(36, 1))
+    lighting[0] += 6
+    panorama = shjax.synthesize(jnp.asarray(lighting), n_theta=48, n_phi=96)
+    surface = 0.5 * shjax.brdf.ggx(0.4, 1.0) + shjax.brdf.lambertian(0.3)
+    ball = render.sphere(40)
+    picture = render.reference(ball, panorama, surface)
+    facing = np.sum(np.asarray(ball.normals * ball.views), axis=-1) > 0.25
+    whole = (np.asarray(ball.mask) == 1) & facing
+    estimate = least_squares(
+        picture, ball.normals, views=ball.views, brdf=surface, mask=whole, l_max=5
+    )
+    again, deviation = estimate.predict(ball)
+    assert relative_error(again[whole], picture[whole]) < 2e-3
+    assert np.all(np.isfinite(np.asarray(deviation)))

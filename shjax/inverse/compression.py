@@ -69,6 +69,14 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
     return Compressed(r, z, rest, power, count.astype(target.dtype))
 
 
+def predicted(design: jax.Array, mean: jax.Array) -> jax.Array:
+    """What an answer ``(J, C)`` says of the pixels, ``(N, C)``; design as above."""
+    shape = (mean.shape[1], *design.shape[1:])
+    precise = jax.lax.Precision.HIGHEST
+    every = jnp.broadcast_to(design, shape)
+    return jnp.einsum("cnj,jc->nc", every, mean, precision=precise)
+
+
 def first_columns(problem: Compressed, size: int) -> Compressed:
     """The problem of the first unknowns alone; the others are 0."""
     left = problem.z[:, size:]

@@ -33,6 +33,11 @@ def least_squares(r: jax.Array, target: jax.Array, *, tolerance: float):
     return value, solution.stats["num_steps"], ended
 
 
+def tolerance_of(r: jax.Array) -> float:
+    """Singular values below this share of the largest are rounding."""
+    return float(128 * r.shape[-1] ** 0.5 * jnp.finfo(r.dtype).eps)
+
+
 def scale_of(values: jax.Array) -> jax.Array:
     """The largest magnitude, 1 for zeros; a constant wherever it is differentiated."""
     largest = jnp.max(jnp.abs(jax.lax.stop_gradient(values)))

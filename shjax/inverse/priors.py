@@ -1,7 +1,8 @@
 """Degrees that a picture hardly shows, marginalised under a Gaussian prior.
 
 The light of a real place does not end at degree 2, and from one view what lies above
-looks like degrees 0 to 2 (INVERSE: 16 % of error without any noise). So higher degrees
+looks like degrees 0 to 2: by plain least squares an error of 13 %, the median over six
+real places in pictures almost without noise. So higher degrees
 are estimated too, with ``L_lm ~ N(0, (L_00 sd_l)^2)``. How ``sd_l`` falls differs from
 place to place; a family of power laws is weighed by its marginal likelihood, in closed
 form, and the answers of all its members are averaged with these weights (a quadrature of
@@ -36,7 +37,7 @@ _AVERAGED = 24  # members whose answers are averaged; the others weigh next to n
 _einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
 
 
-class Member(NamedTuple):
+class Family(NamedTuple):
     """A family of priors, one member a row, relative to L_00.
 
     Attributes:
@@ -53,7 +54,7 @@ class Member(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def family(l_max: int) -> Member:
+def family(l_max: int) -> Family:
     """All members to degree ``l_max``."""
     degrees = np.maximum(np.arange(l_max + 1), 1)
     scales, slopes, free = (
@@ -63,7 +64,7 @@ def family(l_max: int) -> Member:
     deviations = scales[:, None] * (degrees / start) ** -slopes[:, None]
     deviations[:, 1:3] = np.where(free[:, None], _FREE, deviations[:, 1:3])
     deviations[:, 0] = _UNBOUNDED
-    return Member(deviations, scales, slopes, free)
+    return Family(deviations, scales, slopes, free)
 
 
 class Posterior(NamedTuple):
@@ -121,6 +122,20 @@ def posterior(
         share.astype(dtype),
         jax.nn.softmax(total).astype(dtype),
     )
+
+
+def chosen(weights: jax.Array, l_max: int) -> dict[str, jax.Array]:
+    """The prior that a picture chose: means over the family."""
+    members = family(l_max)
+
+    def mean(column: np.ndarray) -> jax.Array:
+        return jnp.sum(weights * jnp.asarray(column, weights.dtype))
+
+    return {
+        "scale": jnp.exp(mean(np.log(members.scales))),
+        "slope": mean(members.slopes),
+        "free": mean(members.free.astype(float)),
+    }
 
 
 def _member(gram: jax.Array, right: jax.Array, sd: jax.Array):

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import lineax as lx
 import optimistix as optx
 
-from shjax.inverse.compression import compress
+from shjax.inverse.compression import compress, predicted
 
 _MOST_STEPS = 64
 
@@ -79,7 +79,7 @@ def reweighted(
     def problem_at(mean, fixed):
         design, image, base, clipped, sigma = fixed
         weight = base * _of_residuals(
-            image - _predict(design, mean), base, clipped, loss, sigma
+            image - predicted(design, mean), base, clipped, loss, sigma
         )
         return compress(design, image, weight)
 
@@ -108,10 +108,6 @@ def reweighted(
 
 def _or_none(clipped: jax.Array | None, image: jax.Array) -> jax.Array:
     return jnp.zeros(image.shape, bool) if clipped is None else clipped
-
-
-def _predict(design: jax.Array, mean: jax.Array) -> jax.Array:
-    return jnp.einsum("cnj,jc->nc", design, mean, precision=jax.lax.Precision.HIGHEST)
 
 
 def _of_residuals(residual, base, clipped, loss: Loss, sigma) -> jax.Array:

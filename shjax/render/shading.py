@@ -119,7 +119,7 @@ def glossy(
     values = shrm.radiance(
         maps, centre, gbuffer.views, frame=frame, interpolation=interpolation
     )
-    return _covered(gbuffer, values)
+    return covered(gbuffer, values)
 
 
 def shade(gbuffer: GBuffer, model: Model) -> Float[jax.Array, "H W C"]:
@@ -136,7 +136,7 @@ def shade(gbuffer: GBuffer, model: Model) -> Float[jax.Array, "H W C"]:
         ValueError: If the model needs tangents that the G-buffer lacks.
     """
     values = model.radiance(gbuffer.normals, gbuffer.views, tangents=gbuffer.tangents)
-    return _covered(gbuffer, values)
+    return covered(gbuffer, values)
 
 
 def metallic_roughness(
@@ -197,10 +197,11 @@ def reference(
     values = reference_reflection(radiance, brdf, normals, views, tangents=tangents)
     shape = (*gbuffer.mask.shape, values.shape[-1])
     exact = jnp.zeros(shape, values.dtype).at[rows, columns].set(values)
-    return _covered(gbuffer, exact)
+    return covered(gbuffer, exact)
 
 
-def _covered(gbuffer: GBuffer, values: jax.Array) -> jax.Array:
+def covered(gbuffer: GBuffer, values: jax.Array) -> jax.Array:
+    """Radiance at albedo 1 times albedo and coverage; 0 where nothing is seen."""
     scale = gbuffer.albedo * gbuffer.mask[..., None]
     shape = (*scale.shape[:-1], max(scale.shape[-1], values.shape[-1]))
     scale = jnp.broadcast_to(scale.astype(values.dtype), shape)
@@ -220,7 +221,7 @@ def mirrored(
     Returns:
         The picture, ``(H, W, C)``, times albedo and coverage.
     """
-    return _covered(
+    return covered(
         gbuffer, panorama_at(radiance, mirror(gbuffer.normals, gbuffer.views))
     )
 

@@ -1,0 +1,133 @@
+"""What the pixels show, in whichever way a call describes it, and the design of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shjax.arrays import as_float
+from shjax.brdf import Brdf
+from shjax.inverse.glossy import glossy_rows, table_to
+from shjax.inverse.pictures import Pixels, check_unit, flatten
+from shjax.inverse.rows import cosine_rows, footprint_rows, seen_by_cosine
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("pixels", "normals", "views", "brdf", "rows"),
+    meta_fields=(),
+)
+@dataclasses.dataclass(frozen=True)
+class Surface:
+    """What the pixels show; one of normals, normals with views and brdf, rows."""
+
+    pixels: Pixels
+    normals: jax.Array | None = None
+    views: jax.Array | None = None
+    brdf: Brdf | None = None
+    rows: jax.Array | None = None
+
+
+def make_surface(image, normals, mask, albedo, brdf, views, least_cosine, rows):
+    """Check what a call describes, and flatten it to a :class:`Surface`.
+
+    Raises:
+        ValueError: If it describes nothing, two things, or shapes do not fit.
+    """
+    points = image.shape[:-1]
+    if rows is not None:
+        if normals is not None or brdf is not None:
+            raise ValueError("rows stand in place of normals and brdf; give only them.")
+        pixels = flatten(image, _any_nonzero(rows, points), mask, albedo)
+        flat = as_float("rows", rows).astype(pixels.image.dtype)
+        return Surface(pixels, rows=flat.reshape(-1, *rows.shape[len(points) :]))
+    if normals is None:
+        raise ValueError("normals must be given, or rows.")
+    parts = normals.ndim == len(points) + 2
+    shapes = [(*points, 3), (*points, normals.shape[-2], 3) if parts else None]
+    if normals.shape not in shapes:
+        raise ValueError(
+            f"normals must have shape {(*points, 3)} to fit image, or that of its pixels' "
+            f"parts (..., S, 3); got {normals.shape}."
+        )
+    pixels = flatten(image, _any_nonzero(normals, points), mask, albedo)
+    used = (pixels.weights > 0).reshape(points)
+    if parts:
+        used = used[..., None] & jnp.any(jnp.asarray(normals) != 0, axis=-1)
+    check_unit("normals", normals, used)
+    flat = as_float("normals", normals).astype(pixels.image.dtype)
+    flat = flat.reshape(-1, *normals.shape[len(points) :])
+    if brdf is None:
+        return Surface(pixels, normals=flat)
+    _check_glossy(image, brdf, views, parts)
+    check_unit("views", views, used)
+    views = as_float("views", views).astype(pixels.image.dtype).reshape(-1, 3)
+    facing = jnp.sum(flat * views, axis=-1) >= least_cosine
+    pixels = pixels._replace(weights=pixels.weights * facing.astype(flat.dtype))
+    return Surface(pixels, normals=flat, views=views, brdf=brdf)
+
+
+def _any_nonzero(array, points: tuple[int, ...]) -> jax.Array:
+    """Where a pixel's entries are not all 0, of the shape of the pixels."""
+    return jnp.any(jnp.asarray(array) != 0, axis=tuple(range(len(points), array.ndim)))
+
+
+def _check_glossy(image, brdf: Brdf, views, parts: bool) -> None:
+    if parts:
+        raise ValueError("normals of parts serve matte surfaces only; got a brdf too.")
+    expected = (*image.shape[:-1], 3)
+    if views is None or views.shape != expected:
+        raise ValueError(
+            f"views must have shape {expected} with brdf; got "
+            f"{None if views is None else views.shape}."
+        )
+    if any(part.model.centre == "tangent" for part in brdf.parts):
+        raise ValueError("brdf must be about the normal or R; it has fibres.")
+    if brdf.channels not in (1, image.shape[-1]):
+        raise ValueError(
+            f"brdf must have one channel or image's {image.shape[-1]}; got "
+            f"{brdf.channels}."
+        )
+
+
+def highest_degree(surface: Surface, highest: int, l_max: int) -> int:
+    """The degree of given rows, which is that of the fit."""
+    if surface.rows is None:
+        return highest
+    size = surface.rows.shape[1]
+    own = math.isqrt(size) - 1
+    if (own + 1) ** 2 != size or own < l_max:
+        raise ValueError(
+            f"rows must have shape (..., K) or (..., K, C), K = (l + 1)^2, l >= l_max = "
+            f"{l_max}; got K = {size}."
+        )
+    return min(own, highest)
+
+
+def design_of(
+    surface: Surface, highest: int, least_cosine: float
+) -> tuple[jax.Array, np.ndarray]:
+    """The design with the albedo, ``(D, N, J)``, and its unknowns' positions in K."""
+    if surface.rows is not None:
+        seen = np.arange((highest + 1) ** 2)
+        rows = surface.rows[:, seen]
+    elif surface.brdf is not None:
+        seen = np.arange((highest + 1) ** 2)
+        table = table_to(least_cosine)
+        assert surface.normals is not None
+        assert surface.views is not None
+        rows = glossy_rows(surface.brdf, surface.normals, surface.views, highest, table)
+    else:
+        seen, normals = seen_by_cosine(highest), surface.normals
+        assert normals is not None
+        make = footprint_rows if normals.ndim == 3 else cosine_rows
+        rows = make(normals, highest)
+    stacked = jnp.moveaxis(rows, -1, 0) if rows.ndim == 3 else rows[None]
+    albedo = surface.pixels.albedo.T[..., None]  # [d, n, 1]
+    shape = np.broadcast_shapes(stacked.shape, albedo.shape)
+    return jnp.broadcast_to(stacked, shape) * jnp.broadcast_to(albedo, shape), seen
