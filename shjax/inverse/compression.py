@@ -53,7 +53,10 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
     if wide[1] > design.shape[0]:
         design = jnp.broadcast_to(design, (wide[1], *design.shape[1:]))
     target = jnp.where(root > 0, target, 0) * root
-    q, r = jnp.linalg.qr(design * root.T[..., None])  # [d, n, j]
+    weighted = design * root.T[..., None]  # [d, n, j]
+    # One by one: see inverse_and_log_det for what batches may do.
+    factors = [jnp.linalg.qr(weighted[d]) for d in range(wide[1])]
+    q, r = (jnp.stack(some) for some in zip(*factors, strict=True))
     if wide[1] == 1:
         q, r = (jnp.broadcast_to(a, (channels, *a.shape[1:])) for a in (q, r))
 

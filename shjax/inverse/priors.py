@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.inverse.compression import Compressed
+from shjax.inverse.linear import inverse_and_log_det
 
 FIT_L_MAX = 10  # beyond, the clamped cosine passes less than a thousandth of the energy
 
@@ -32,7 +33,6 @@ _SCALES = np.geomspace(0.02, 4, 10)  # sd at degree 2 (at 4 beside free ones), o
 _SLOPES = np.linspace(-1, 5, 8)
 _FREE = 1.0  # non-negative light has rms_m L_lm <= L_00
 _UNBOUNDED = 1e3  # of L_00 itself
-_AVERAGED = 24  # members whose answers are averaged; the others weigh next to nothing
 
 _einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
 
@@ -102,25 +102,21 @@ def posterior(
     gram = _einsum("cji,cjk->cik", r, r) / variance[:, None, None]
     right = _einsum("cji,cj->ci", r, z) / variance[:, None]
     sd = jnp.asarray(deviations, wide)[:, None] * units[None, :, None]  # [g, c, j]
-    evidence, factor, scale, mean = jax.vmap(
+    evidence, mean, inverse = jax.vmap(
         jax.vmap(_member, in_axes=(0, 0, 0)), in_axes=(None, None, 0)
     )(gram, right, sd)
-    total = jnp.sum(evidence, axis=1)
-    best, kept = jax.lax.top_k(total, min(_AVERAGED, total.shape[0]))
-    some = jax.nn.softmax(best)
-    # In the widest type again: a covariance is a difference of large numbers.
-    inverse = jax.vmap(jax.vmap(_inverse))(factor[kept], scale[kept])
-    answer = _einsum("g,gcj->cj", some, mean[kept])
-    apart = mean[kept] - answer[None]
-    within = _einsum("g,gcij->cij", some, inverse)
-    between = _einsum("g,gci,gcj->cij", some, apart, apart)
-    left = jnp.diagonal(inverse, axis1=2, axis2=3) / sd[kept] ** 2
-    share = jnp.clip(_einsum("g,gcj->jc", some, left), 0, 1)
+    weights = jax.nn.softmax(jnp.sum(evidence, axis=1))
+    answer = _einsum("g,gcj->cj", weights, mean)
+    apart = mean - answer[None]
+    within = _einsum("g,gcij->cij", weights, inverse)
+    between = _einsum("g,gci,gcj->cij", weights, apart, apart)
+    left = jnp.diagonal(inverse, axis1=2, axis2=3) / sd**2
+    share = jnp.clip(_einsum("g,gcj->jc", weights, left), 0, 1)
     return Posterior(
         answer.T.astype(dtype),
         (within + between).astype(dtype),
         share.astype(dtype),
-        jax.nn.softmax(total).astype(dtype),
+        weights.astype(dtype),
     )
 
 
@@ -139,20 +135,12 @@ def chosen(weights: jax.Array, l_max: int) -> dict[str, jax.Array]:
 
 
 def _member(gram: jax.Array, right: jax.Array, sd: jax.Array):
-    """Log evidence, Cholesky factor and its scale, and mean under one prior."""
+    """Log evidence, mean and covariance under one prior."""
     # Unknowns in units in which the diagonal is 1: Cholesky keeps its digits.
     scale = 1 / jnp.sqrt(jnp.diagonal(gram) + 1 / sd**2)
     matrix = gram * scale[:, None] * scale[None] + jnp.diag((scale / sd) ** 2)
-    eps = jnp.finfo(gram.dtype).eps
-    lifted = 2 * sd.shape[0] * eps  # what rounding may take from the least eigenvalue
-    factor = jnp.linalg.cholesky(matrix + jnp.diag(jnp.full_like(sd, lifted)))
-    half = jax.scipy.linalg.solve_triangular(factor, scale * right, lower=True)
-    mean = scale * jax.scipy.linalg.solve_triangular(factor.T, half, lower=False)
-    log_ratio = jnp.sum(jnp.log(scale / sd / jnp.diagonal(factor)))
-    return log_ratio + jnp.sum(half * half) / 2, factor, scale, mean
-
-
-def _inverse(factor: jax.Array, scale: jax.Array) -> jax.Array:
-    identity = jnp.eye(scale.shape[0], dtype=scale.dtype)
-    root = jax.scipy.linalg.solve_triangular(factor, identity, lower=True)
-    return _einsum("ji,jk->ik", root, root) * scale[:, None] * scale[None]
+    inverse, log_det = inverse_and_log_det(matrix)
+    covariance = inverse * scale[:, None] * scale[None]
+    mean = _einsum("ij,j->i", covariance, right)
+    evidence = jnp.sum(jnp.log(scale / sd)) - log_det / 2 + jnp.sum(right * mean) / 2
+    return evidence, mean, covariance
