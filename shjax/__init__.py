@@ -83,6 +83,8 @@ if TYPE_CHECKING:
     from shjax import inverse as inverse
     from shjax import io as io
     from shjax import plot as plot
+    from shjax.inverse import estimate_brdf as estimate_brdf
+    from shjax.inverse import estimate_joint as estimate_joint
     from shjax.inverse import estimate_lighting as estimate_lighting
 
 __version__ = "0.1.0"
@@ -91,6 +93,8 @@ _LAZY = {
     "io": "shjax.io",
     "inverse": "shjax.inverse",
     "plot": "shjax.plot",
+    "estimate_brdf": "shjax.inverse",
+    "estimate_joint": "shjax.inverse",
     "estimate_lighting": "shjax.inverse",
 }
 

@@ -115,7 +115,7 @@ class Estimate:
         if not bool(self.converged):
             return "the solver did not converge; the value is not to be used"
         size, count = self.value.shape[0], int(np.min(np.asarray(self.rank)))
-        if not np.any(np.asarray(self.rank)):
+        if not np.any(np.asarray(self.rank)) and not self.names:
             return "nothing is determined: no pixel has weight and light"
         line = f"rank {count} of {size}, condition number {self.condition_number:.3g}"
         if "scale" in self.details:

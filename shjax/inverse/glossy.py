@@ -207,7 +207,11 @@ def light_up(
             for a in (directions, frames[:, 2])
         )
         if radial:
-            return at_normal, at_mirror, at_mirror[:, :0]
+            return (
+                at_normal,
+                at_mirror,
+                at_mirror[:, :1],
+            )  # in place of what is not needed
         turned = rotate(lighting, frames)
         turned = jnp.pad(turned, ((0, 0), (0, 1), (0, 0)))[:, slots]
         return at_normal, at_mirror, turned
@@ -239,8 +243,14 @@ def reflected(brdf: Brdf, lit: Lit, table: ViewTable) -> jax.Array:
         return total
     assert lit.turned is not None  # lit for parts that are not radial
     kernels = table.kernels(rest, l_max).astype(lit.normal.dtype)
-    at_pixels = _einsum("no,olqc->nlqc", lit.nodes, kernels)
-    return total + jnp.sum(_times(lit.turned, at_pixels), axis=(1, 2))
+    # At every node for every pixel, then between nodes: products of matrices.
+    if kernels.shape[-1] == 1:
+        at_nodes = _einsum("nlqc,olq->noc", lit.turned, kernels[..., 0])
+    elif lit.turned.shape[-1] == 1:
+        at_nodes = _einsum("nlq,olqc->noc", lit.turned[..., 0], kernels)
+    else:
+        at_nodes = _einsum("nlqc,olqc->noc", lit.turned, kernels)
+    return total + _einsum("no,noc->nc", lit.nodes, at_nodes)
 
 
 def _by_degree(values: jax.Array, lighting: jax.Array, l_max: int) -> jax.Array:

@@ -1,0 +1,134 @@
+"""Reflectance from pictures of known objects under known light.
+
+Free coefficients are linear in the picture (:mod:`.coefficients`); parametric models go
+through :mod:`.parametric`.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from shjax.arrays import Array, as_float
+from shjax.estimate import Estimate
+from shjax.harmonics.degrees import check_l_max, degree_of_coefs
+from shjax.inverse.coefficients import estimate_coefficients
+from shjax.inverse.families import family
+from shjax.inverse.parametric import estimate_parameters
+from shjax.inverse.pictures import Pixels, check_unit, fit, flatten
+
+_MARGIN = 8  # degrees fitted beyond those asked for: what lies above leaks into them
+
+
+def estimate_brdf(
+    image: Float[Array, "*points C"],
+    normals: Float[Array, "*points 3"],
+    views: Float[Array, "*points 3"],
+    lighting: Float[Array, "K C"],
+    *,
+    model: str = "radial",
+    mask: Float[Array, "*points"] | Bool[Array, "*points"] | None = None,
+    albedo: Float[Array, ...] | float = 1.0,
+    l_max: int = 8,
+    p_max: int = 2,
+    fit_l_max: int | None = None,
+    noise: Float[Array, ...] | float | None = None,
+    least_cosine: float = 0.3,
+    starts: Float[Array, ...] | None = None,
+) -> Estimate:
+    """Reflectance from pictures under known light, and what they leave open.
+
+    Args:
+        image: Linear radiance; several pictures are stacked in front.
+        normals: Unit normals, zero where nothing is seen.
+        views: Unit vectors to the viewer.
+        lighting: The light's coefficients, to as high a degree as the surface can show
+            (a lobe of exponent s shows about ``3 sqrt(s)``).
+        model: ``"radial"``: gains ``a_l`` about R, ``(l_max + 1, C)``
+            (:func:`shjax.radial_coefs`); ``"general"``: coefficients ``rho_lpq``
+            (:func:`shjax.brdf_coefs`), one row for each l, p and q <= min(l, p), named;
+            or a parametric lobe, with ``"diffuse + "`` in front if a matte part lies
+            under it: ``"phong"``, ``"phong_horizon"``, ``"phong_cosine"``,
+            ``"gaussian_microfacet"``, ``"ggx"`` (f0 = 1), ``"ggx_dielectric"``
+            (f0 = 0.04), ``"lafortune"`` (exponent, and ``tilt = cz / -cxy``): its shape,
+            one for all channels, and ``kd``, ``ks`` of each with ``kd + ks <= 1``.
+        mask: Weights >= 0 of the squared residuals.
+        albedo: Scales the reflectance; a number, or what broadcasts to ``image``.
+        l_max: Highest degree returned, of the free models. Static.
+        p_max: Highest degree over the views, of ``"general"``. Static.
+        fit_l_max: Highest degree fitted; default 8 beyond ``l_max``, as far as
+            ``lighting`` goes. Static.
+        noise: Standard deviation of a pixel of weight 1, a number or ``(C,)``; None: from
+            the residual.
+        least_cosine: Pixels with ``n.v`` below are left out. Static.
+        starts: Of the shape parameters, ``(n,)`` or ``(n, shapes)``, in place of the
+            usual ones.
+
+    Returns:
+        An :class:`Estimate` with named rows. A parametric model's ``prior_fraction`` is
+        near 1 for what the picture does not determine (any exponent under uniform light);
+        ``message`` names it, and ``ok`` is false. ``details["brdf"]`` is the reflectance.
+
+    Raises:
+        ValueError: If shapes do not fit, the model is unknown, or an unmasked pixel is
+            not finite.
+    """
+    check_l_max(l_max)
+    check_l_max(p_max, "p_max")
+    pixels, normals, views = check_pictures(
+        image, normals, views, mask, albedo, least_cosine
+    )
+    dtype, channels = pixels.image.dtype, pixels.image.shape[-1]
+    highest = degree_of_coefs(lighting.shape, "lighting")
+    if lighting.shape[-1] not in (1, channels):
+        raise ValueError(
+            f"lighting must have one channel or image's {channels}; got "
+            f"{lighting.shape[-1]}."
+        )
+    lighting = jnp.broadcast_to(
+        as_float("lighting", lighting).astype(dtype), (lighting.shape[0], channels)
+    )
+    sigma = None if noise is None else fit("noise", noise, (channels,), dtype)
+    if model in ("radial", "general"):
+        fitted = min(highest, l_max + _MARGIN if fit_l_max is None else fit_l_max)
+        if fitted < l_max:
+            raise ValueError(
+                f"lighting and fit_l_max must reach l_max = {l_max}; got {fitted}."
+            )
+        known = lighting[: (fitted + 1) ** 2]
+        orders = p_max if model == "general" else None
+        return estimate_coefficients(
+            pixels, normals, views, known, sigma, l_max=l_max, p_max=orders
+        )
+    begin = jnp.asarray(family(model).starts(channels, starts), jnp.result_type(float))
+    return estimate_parameters(
+        pixels, normals, views, lighting, sigma, begin, model=model,
+        least_cosine=least_cosine,
+    )  # fmt: skip
+
+
+def check_pictures(
+    image, normals, views, mask, albedo, least_cosine
+) -> tuple[Pixels, Array, Array]:
+    """Flat pixels, normals and views, of those that face the viewer."""
+    points = image.shape[:-1]
+    for name, vectors in (("normals", normals), ("views", views)):
+        if vectors.shape != (*points, 3):
+            raise ValueError(
+                f"{name} must have shape {(*points, 3)} to fit image; got "
+                f"{vectors.shape}."
+            )
+    pixels = flatten(image, jnp.any(jnp.asarray(normals) != 0, axis=-1), mask, albedo)
+    used = (pixels.weights > 0).reshape(points)
+    for name, vectors in (("normals", normals), ("views", views)):
+        check_unit(name, vectors, used)
+    dtype = pixels.image.dtype
+    normals, views = (
+        as_float("normals", a).astype(dtype).reshape(-1, 3) for a in (normals, views)
+    )
+    facing = jnp.sum(normals * views, axis=-1) >= least_cosine
+    return (
+        pixels._replace(weights=pixels.weights * facing.astype(dtype)),
+        normals,
+        views,
+    )
