@@ -12,6 +12,7 @@ References:
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -26,14 +27,17 @@ from shjax.brdf import Brdf
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import check_l_max, degrees
 from shjax.inverse import priors
+from shjax.inverse.albedos import side_by_side, unknown_albedo
 from shjax.inverse.compression import (
     Compressed,
     compress,
     first_columns,
     noise_variance,
 )
+from shjax.inverse.exposures import balanced
 from shjax.inverse.linear import diagnose, least_squares, tolerance_of
 from shjax.inverse.pictures import fit
+from shjax.inverse.positive import without_negative_light
 from shjax.inverse.reporting import Fit, report
 from shjax.inverse.reweighting import Loss, make_loss, reweighted
 from shjax.inverse.surfaces import (
@@ -49,7 +53,7 @@ def estimate_lighting(
     normals: Float[Array, ...] | None,
     *,
     mask: Float[Array, ...] | Bool[Array, ...] | None = None,
-    albedo: Float[Array, ...] | float = 1.0,
+    albedo: Float[Array, ...] | float | None = 1.0,
     l_max: int = 2,
     noise: Float[Array, ...] | float | None = None,
     prior: Any = "picture",
@@ -60,6 +64,8 @@ def estimate_lighting(
     rows: Float[Array, ...] | None = None,
     loss: str = "squares",
     clipped: Bool[Array, ...] | None = None,
+    nonnegative: bool = False,
+    balance: bool = False,
 ) -> Estimate:
     """Lighting coefficients from one picture or several, and how far to trust them.
 
@@ -77,7 +83,11 @@ def estimate_lighting(
             too. None where ``rows`` are given.
         mask: Weights >= 0 of the squared residuals ``(*points)``; default 1 wherever
             there is a normal. With one normal a pixel leave out those on an outline.
-        albedo: A number, or an array that broadcasts to ``image``.
+        albedo: A number, or an array that broadcasts to ``image``. None: not known;
+            ``image`` is then ``(V, *points, C)``, V lights on a matte surface of
+            ``normals`` ``(*points, 3)``, and the answer has a channel for each light and
+            colour, ``(K, V C)``, up to one scale a colour, with the albedos, of mean 1,
+            in ``details["albedo"]``.
         l_max: Highest degree returned, inclusive. Static. What a matte surface cannot
             show (odd degrees above 1) is 0 and in ``null_space``.
         noise: Standard deviation of a pixel of weight 1, a number or ``(C,)``; None:
@@ -96,6 +106,13 @@ def estimate_lighting(
             ``"cauchy"`` (they count ever less). Static.
         clipped: Channels at their largest value ``(*points, C)``: the light may be more,
             never less (:func:`shjax.inverse.decode`).
+        nonnegative: Whether the light, seen through a non-negative kernel of the fit's
+            degree, may be nowhere negative; its covariance is not narrower for it. It
+            steadies noisy pictures (a lamp at 5 % noise: 19 to 16 %, medians of 12), and
+            costs accuracy in clean ones (at 0.5 %: 3 to 5 %). Static.
+        balance: Whether each of several pictures (the first axis of ``image``) has an
+            exposure and white balance of its own, relative to the first:
+            ``details["gains"]``, ``(V, C)``. Static.
 
     Returns:
         An :class:`Estimate` with ``value`` ``((l_max + 1)^2, C)``, radiance; its
@@ -108,6 +125,17 @@ def estimate_lighting(
     """
     check_l_max(l_max)
     check_l_max(fit_l_max, "fit_l_max")
+    found_albedo = None
+    if albedo is None:
+        found_albedo = unknown_albedo(image, normals, mask, brdf, rows, l_max)
+        image, albedo = side_by_side(image, found_albedo)
+        if clipped is not None:
+            clipped = jnp.moveaxis(jnp.asarray(clipped), 0, -2).reshape(image.shape)
+    if balance and (image.ndim < 3 or loss != "squares" or clipped is not None):
+        raise ValueError(
+            "balance needs pictures (V, *points, C), loss 'squares' and clipped None; got "
+            f"shape {image.shape}, {loss!r}."
+        )
     highest = l_max if prior is None else max(l_max, fit_l_max)
     surface = make_surface(
         image, normals, mask, albedo, brdf, views, least_cosine, rows
@@ -125,7 +153,7 @@ def estimate_lighting(
                 f"{clipped.shape}."
             )
         clipped = jnp.asarray(clipped).reshape(surface.pixels.image.shape)
-    return _estimate_lighting(
+    found = _estimate_lighting(
         surface,
         sigma,
         _deviations(prior, highest),
@@ -134,7 +162,12 @@ def estimate_lighting(
         highest=highest,
         loss=make_loss(loss),
         least_cosine=least_cosine,
+        nonnegative=nonnegative,
+        pictures=image.shape[0] if balance else 1,
     )
+    if found_albedo is None:
+        return found
+    return dataclasses.replace(found, details=found.details | {"albedo": found_albedo})
 
 
 def _deviations(prior, highest: int):
@@ -159,7 +192,14 @@ def _deviations(prior, highest: int):
 
 @functools.partial(
     jax.jit,
-    static_argnames=("l_max", "highest", "loss", "least_cosine"),
+    static_argnames=(
+        "l_max",
+        "highest",
+        "loss",
+        "least_cosine",
+        "nonnegative",
+        "pictures",
+    ),
 )
 def _estimate_lighting(
     surface: Surface,
@@ -171,6 +211,8 @@ def _estimate_lighting(
     highest: int,
     loss: Loss,
     least_cosine: float,
+    nonnegative: bool,
+    pictures: int,
 ) -> Estimate:
     design, seen = design_of(surface, highest, least_cosine)  # [d, n, j]
     image, weights = surface.pixels.image, surface.pixels.weights
@@ -182,13 +224,17 @@ def _estimate_lighting(
     def solve(problem: Compressed) -> Fit:
         return _solve(problem, sigma, sd, degree, few)
 
-    if loss.name == "squares" and clipped is None:
+    gains = None
+    if pictures > 1:
+        answer, gains = balanced(design, image, weights, pictures, solve)
+    elif loss.name == "squares" and clipped is None:
         answer = solve(compress(design, image, weights))
     else:
         answer = reweighted(design, image, weights, clipped, loss, sigma, solve)
-    return report(
-        answer, surface, design, seen, deviations, l_max=l_max, highest=highest
+    found = report(
+        answer, surface, design, seen, deviations, gains, l_max=l_max, highest=highest
     )
+    return without_negative_light(found) if nonnegative else found
 
 
 def _solve(problem: Compressed, sigma, sd, degree: np.ndarray, few: bool) -> Fit:

@@ -53,6 +53,7 @@ def report(
     design: jax.Array,
     seen: np.ndarray,
     deviations: jax.Array | None,
+    gains: jax.Array | None,
     *,
     l_max: int,
     highest: int,
@@ -65,6 +66,7 @@ def report(
         design: ``(D, N, J)``.
         seen: Positions of the unknowns among all coefficients, rising.
         deviations: Of the priors, relative to L_00, ``(G, L)``, or None.
+        gains: Of several pictures, ``(V, C)``, or None.
         l_max: Highest degree asked for.
         highest: Highest degree fitted.
     """
@@ -80,13 +82,18 @@ def report(
     covariance = covariance + jax.vmap(jnp.diag)(
         _unknown_variance(answer, share, seen, deviations, highest)
     )
+    made = predicted(design, answer.mean)
+    if gains is not None:
+        each = made.reshape(gains.shape[0], -1, channels)
+        made = (each * jnp.broadcast_to(gains[:, None], each.shape)).reshape(made.shape)
     left = jnp.where(
-        surface.pixels.weights[:, None] > 0,
-        surface.pixels.image - predicted(design, answer.mean),
-        0,
+        surface.pixels.weights[:, None] > 0, surface.pixels.image - made, 0
     )
     squares = jnp.sum(surface.pixels.weights[:, None] * left * left, axis=0)
     chosen = answer.weights.shape[0] > 1
+    details = priors.chosen(answer.weights, highest) if chosen else {}
+    if gains is not None:
+        details["gains"] = gains
     return Estimate(
         value=full[:size],
         covariance=covariance[:, :size, :size],
@@ -101,7 +108,7 @@ def report(
         full_value=full,
         full_covariance=covariance,
         forward=jax.tree_util.Partial(predict_lighting, surface.brdf),
-        details=priors.chosen(answer.weights, highest) if chosen else {},
+        details=details,
         tolerance=tolerance,
     )
 
