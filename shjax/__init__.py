@@ -82,6 +82,7 @@ from shjax.windows import window as window
 if TYPE_CHECKING:
     from shjax import inverse as inverse
     from shjax import io as io
+    from shjax import metrics as metrics
     from shjax import plot as plot
     from shjax.inverse import estimate_brdf as estimate_brdf
     from shjax.inverse import estimate_joint as estimate_joint
@@ -92,6 +93,7 @@ __version__ = "0.1.0"
 _LAZY = {
     "io": "shjax.io",
     "inverse": "shjax.inverse",
+    "metrics": "shjax.metrics",
     "plot": "shjax.plot",
     "estimate_brdf": "shjax.inverse",
     "estimate_joint": "shjax.inverse",

@@ -32,7 +32,7 @@ LAYERS = [
     ["shjax.model"],
     ["shjax.io"],
     ["shjax.render", "shjax.display"],
-    ["shjax.inverse", "shjax.plot"],
+    ["shjax.inverse", "shjax.metrics", "shjax.plot"],
     ["shjax.cli"],
 ]
 

@@ -24,13 +24,17 @@ def cli() -> None:
 def main() -> None:
     """Run the command line; errors are one line on standard error."""
     from shjax.cli.convert import convert
+    from shjax.cli.estimate import estimate
     from shjax.cli.light import light
     from shjax.cli.reflect import reflect
     from shjax.cli.render import render_command
+    from shjax.cli.score import score
 
     cli.add_command(light)
     cli.add_command(reflect)
     cli.add_command(render_command, "render")
+    cli.add_command(estimate)
+    cli.add_command(score)
     cli.add_command(convert)
     try:
         status = cli.main(standalone_mode=False)

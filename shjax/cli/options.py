@@ -55,7 +55,9 @@ class _Axes(click.ParamType):
         return matrix
 
 
-class _BrdfText(click.ParamType):
+class BrdfText(click.ParamType):
+    """A reflectance in words (:func:`shjax.brdf.parse.parse`)."""
+
     name = "MODEL"
 
     def convert(self, value, param, ctx):
@@ -72,7 +74,7 @@ brdf_option = click.option(
     "--brdf",
     default="ggx alpha=0.4 f0=1",
     show_default=True,
-    type=_BrdfText(),
+    type=BrdfText(),
     help="Terms joined by ' + ', each a model and its parameters, a factor and * before "
     "it: " + ", ".join(MODELS) + ".",
 )
