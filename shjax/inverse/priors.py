@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.inverse.compression import Compressed
-from shjax.inverse.linear import inverse_and_log_det
+from shjax.inverse.linear import regularised
 
 FIT_L_MAX = 10  # beyond, the clamped cosine passes less than a thousandth of the energy
 
@@ -99,12 +99,12 @@ def posterior(
     r, z, units, variance = (
         a.astype(wide) for a in (problem.r, problem.z, units, variance)
     )
-    gram = _einsum("cji,cjk->cik", r, r) / variance[:, None, None]
-    right = _einsum("cji,cj->ci", r, z) / variance[:, None]
+    root = jnp.sqrt(variance)
+    r, z = r / root[:, None, None], z / root[:, None]
     sd = jnp.asarray(deviations, wide)[:, None] * units[None, :, None]  # [g, c, j]
     evidence, mean, inverse = jax.vmap(
         jax.vmap(_member, in_axes=(0, 0, 0)), in_axes=(None, None, 0)
-    )(gram, right, sd)
+    )(r, z, sd)
     weights = jax.nn.softmax(jnp.sum(evidence, axis=1))
     answer = _einsum("g,gcj->cj", weights, mean)
     apart = mean - answer[None]
@@ -134,13 +134,16 @@ def chosen(weights: jax.Array, l_max: int) -> dict[str, jax.Array]:
     }
 
 
-def _member(gram: jax.Array, right: jax.Array, sd: jax.Array):
-    """Log evidence, mean and covariance under one prior."""
-    # Unknowns in units in which the diagonal is 1: Cholesky keeps its digits.
-    scale = 1 / jnp.sqrt(jnp.diagonal(gram) + 1 / sd**2)
-    matrix = gram * scale[:, None] * scale[None] + jnp.diag((scale / sd) ** 2)
-    inverse, log_det = inverse_and_log_det(matrix)
-    covariance = inverse * scale[:, None] * scale[None]
-    mean = _einsum("ij,j->i", covariance, right)
-    evidence = jnp.sum(jnp.log(scale / sd)) - log_det / 2 + jnp.sum(right * mean) / 2
-    return evidence, mean, covariance
+def _member(r: jax.Array, z: jax.Array, sd: jax.Array):
+    """Log evidence, mean and covariance under one prior.
+
+    Unknowns in units of their deviations: the prior is ``|x|^2``, rows of their own.
+    """
+    size = sd.shape[0]
+    rows = jnp.concatenate([r * sd[None], jnp.eye(size, dtype=r.dtype)])
+    right = jnp.concatenate([z, jnp.zeros(size, z.dtype)])
+    x, inverse, log_det = regularised(rows, right)
+    # The residual, not the power explained: that is large and nearly the same for all.
+    left = right - _einsum("ij,j->i", rows, x)
+    evidence = -(log_det + jnp.sum(left * left)) / 2
+    return evidence, sd * x, inverse * sd[:, None] * sd[None]
