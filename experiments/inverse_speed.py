@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import click
 import jax
@@ -48,12 +49,14 @@ def main(out: Path | None) -> None:
     design = np.asarray(shjax.basis(normals, l_max=2)) * gains
 
     def scipys():
-        return [
-            scipy.optimize.least_squares(
-                lambda x, y=column: design @ x - y, np.zeros(9), jac=lambda x: design
-            ).x
-            for column in values.T
-        ]
+        def one(column):
+            def residual(x):
+                return design @ x - column
+
+            slopes: Any = lambda x: design  # noqa: E731
+            return scipy.optimize.least_squares(residual, np.zeros(9), jac=slopes).x
+
+        return [one(column) for column in values.T]
 
     given = (jax.numpy.asarray(values), jax.numpy.asarray(normals))
     jitted = {

@@ -302,7 +302,9 @@ def _settled(
         isinstance(x, Tracer) for x in jax.tree.leaves(brdf)
     ):
         used = resolution or used.doubled()
-        return run(used, q_max), jnp.asarray(np.nan, dtype), used
+        with jax.debug_nans(False):  # this one is meant: the error is not known
+            unknown = jnp.asarray(np.nan, dtype)
+        return run(used, q_max), unknown, used
     limit = max(accuracy, 30 * float(jnp.finfo(dtype).eps))
     found, error, coarse = run(used, p_max), np.inf, used
     while error > limit and used.light < _MOST_NODES:
