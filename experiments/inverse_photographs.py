@@ -32,7 +32,9 @@ CENTRE, RADIUS = (244.5, 144.5), 108
 
 def photograph(path: Path) -> np.ndarray:
     """The stored bytes, ``(H, W, 3)``."""
-    return oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)[..., :3]
+    pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
+    assert pixels is not None, path
+    return pixels[..., :3]
 
 
 def linear(image: np.ndarray) -> np.ndarray:
@@ -55,7 +57,7 @@ def lit(image: np.ndarray) -> np.ndarray:
 
 
 def stereo(radiance: np.ndarray, good: np.ndarray, lights: np.ndarray):
-    """Normals ``(N, 3)`` and albedos ``(N, 3)``: all but the darkest, it may be in shadow."""
+    """Normals and albedos, ``(N, 3)``, without the darkest: it may be in shadow."""
     gray = np.where(good, radiance.mean(axis=-1), 0)  # [k, n]
     order = np.argsort(-gray, axis=0)[:10]
     values = np.take_along_axis(gray, order, axis=0).T  # [n, 10]
