@@ -33,7 +33,7 @@ from shjax.inverse.ambiguity import HELD, report
 from shjax.inverse.families import Family, Gains, family
 from shjax.inverse.glossy import glossy_rows, table_to
 from shjax.inverse.linear import inverse_and_log_det
-from shjax.inverse.nonlinear import refine, search
+from shjax.inverse.nonlinear import approach, refine, search
 from shjax.inverse.pictures import Pixels, fit
 from shjax.inverse.reflectance import check_pictures
 from shjax.sphere import mirror
@@ -79,7 +79,8 @@ def estimate_joint(
     Returns:
         An :class:`Estimate`: the reflectance's rows, then ``L_00, L_1-1, ...`` of each
         light. ``null_space`` holds the directions (of the brightest channel, the
-        reflectance in its free form) that no picture changes along; then ``ok`` is false,
+        reflectance in its free form, the light over its largest) that no picture changes
+        along; then ``ok`` is false,
         ``message`` names them, what lies in them has infinite variance, and stands where
         the prior put it.
 
@@ -168,13 +169,16 @@ def _estimate(
     step = -(-image.shape[0] // _SEARCHED)
     few = jax.tree.map(lambda a: a[::step], data)
     start = search(compare, (few, _ROUGH * level), starts, prior)
-    found = refine(compare, (data, _ROUGH * level), start, prior)
+    if sigma is None:
+        start = approach(compare, (data, _ROUGH * level), start, prior)
+        _, left = _eliminate(design(start, data), image)
+        unknowns = len(prior[0]) / channels + lights * (l_max + 1) ** 2
+        freedom = jnp.maximum(used - unknowns, 1)
+        sigma = jnp.sqrt(jnp.sum(left * left, axis=0) / freedom)
+    sigma = jnp.maximum(sigma.astype(wide), _LEAST_NOISE * level)
+    found = refine(compare, (data, sigma), start, prior)
     light, left = _eliminate(design(found.value, data), image)
     squares = jnp.sum(left * left, axis=0)
-    if sigma is None:
-        unknowns = len(prior[0]) / channels + light.shape[0]
-        sigma = jnp.sqrt(squares / jnp.maximum(used - unknowns, 1))
-    sigma = jnp.maximum(sigma.astype(wide), _LEAST_NOISE * level)
     brightest = jnp.argmax(jnp.sum(image * image, axis=0))
     return report(
         kind, found, light, lambda vector: design(vector, data), prior[1], sigma,

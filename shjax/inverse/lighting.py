@@ -108,8 +108,8 @@ def estimate_lighting(
             never less (:func:`shjax.inverse.decode`).
         nonnegative: Whether the light, seen through a non-negative kernel of the fit's
             degree, may be nowhere negative; its covariance is not narrower for it. It
-            steadies noisy pictures (a lamp at 5 % noise: 19 to 16 %, medians of 12), and
-            costs accuracy in clean ones (at 0.5 %: 3 to 5 %). Static.
+            steadies noisy pictures (a lamp, noise 6 % of the brightest pixel: 19 to 16 %,
+            medians of 12), and costs accuracy in clean ones (at 0.6 %: 3 to 5 %). Static.
         balance: Whether each of several pictures (the first axis of ``image``) has an
             exposure and white balance of its own, relative to the first:
             ``details["gains"]``, ``(V, C)``. Static.
