@@ -12,7 +12,8 @@ from shjax.arrays import Array, check_channels
 from shjax.harmonics import analyze, project_samples
 from shjax.harmonics.grid import Grid
 from shjax.layouts import LAYOUTS, guess_layout
-from shjax.sphere import latlong_directions, spherical_directions
+from shjax.layouts.resampling import resample
+from shjax.sphere import latlong_directions
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,30 +110,58 @@ class EnvironmentMap:
     def to_latlong(self, n_theta: int) -> EnvironmentMap:
         """The same light on ``n_theta x 2 n_theta`` lat-long pixels.
 
-        A lat-long map is averaged (or repeated) over the exact overlap of the pixels, so
-        its total radiance is kept; other layouts are read bilinearly at several points of
-        each new pixel.
-
         Raises:
             ValueError: If ``n_theta`` is not positive.
         """
-        if n_theta < 1:
-            raise ValueError(f"n_theta must be positive; got {n_theta}.")
-        image = np.asarray(self.image)
-        remap = _average_latlong if self.layout == "latlong" else _resample
-        radiance = remap(image, self.layout, n_theta).astype(image.dtype)
+        return self.to_layout("latlong", n_theta)
+
+    def to_layout(
+        self,
+        layout: str,
+        side: int,
+        *,
+        rotation: Float[np.ndarray, "3 3"] | None = None,
+    ) -> EnvironmentMap:
+        """The same light on the pixels of another layout.
+
+        Between lat-long maps pixels are averaged (or repeated) over their exact overlap;
+        otherwise the map is read between its pixels, without seams, and where it shrinks
+        each new pixel is an average that keeps the flux of every old one.
+
+        Args:
+            layout: A name in :data:`shjax.layouts.LAYOUTS`.
+            side: Rows of a lat-long map; pixels along a face, a disc or the square of
+                the others.
+            rotation: Turns the light.
+
+        Raises:
+            ValueError: If the layout is unknown or cannot have such a side.
+        """
+        rule = _side_rule(layout)
+        if side < rule[0] or side % rule[1]:
+            name = "n_theta" if layout == "latlong" else "side"
+            raise ValueError(f"{name} must be {rule[2]}; got {side}.")
+        shape = LAYOUTS[layout].shape(side)
+        image = resample(np.asarray(self.image), self.layout, layout, shape, rotation)
         report = dataclasses.replace(
-            self.report, layout="latlong", height=n_theta, width=2 * n_theta
+            self.report, layout=layout, height=shape[0], width=shape[1]
         )
-        return dataclasses.replace(
-            self,
-            radiance=radiance,
-            image=radiance,
-            layout="latlong",
-            directions=None,
-            solid_angles=None,
-            report=report,
-        )
+        return _with_pixels(image, layout, report)
+
+
+def _side_rule(layout: str) -> tuple[int, int, str]:
+    """Least side, what it is a multiple of, and both in words."""
+    _check_layout(layout)
+    if LAYOUTS[layout].even:
+        return 2, 2, f"positive and even for layout {layout!r}"
+    if layout.startswith("openexr"):
+        return 2, 1, f"at least 2 for layout {layout!r}"
+    return 1, 1, "positive"
+
+
+def _check_layout(layout: str) -> None:
+    if layout not in LAYOUTS:
+        raise ValueError(f"layout must be one of {', '.join(LAYOUTS)}; got {layout!r}.")
 
 
 def make_envmap(
@@ -153,80 +182,27 @@ def make_envmap(
     height, width, _channels = image.shape
     guessed = layout == "auto"
     name = guess_layout(height, width) if guessed else layout
-    if name not in LAYOUTS:
-        raise ValueError(f"layout must be one of {', '.join(LAYOUTS)}; got {layout!r}.")
-    aspect = LAYOUTS[name].aspect
-    if name != "latlong" and width * aspect[1] != height * aspect[0]:
+    _check_layout(name)
+    if name != "latlong" and not LAYOUTS[name].fits(height, width):
+        across, down = LAYOUTS[name].aspect
+        even = " and an even side" if LAYOUTS[name].even else ""
         raise ValueError(
-            f"image must have the aspect {aspect[0]}:{aspect[1]} of layout {name!r}; "
+            f"image must have the aspect {across}:{down}{even} of layout {name!r}; "
             f"got {width} x {height}."
         )
     report = report or Report("array", str(image.dtype), name, guessed, height, width)
     report = dataclasses.replace(report, layout=name, layout_guessed=guessed)
-    if name == "latlong":
-        return EnvironmentMap(image, name, None, None, image, report)
-    directions, solid_angles = LAYOUTS[name].pixels(height, width)
+    return _with_pixels(image, name, report)
+
+
+def _with_pixels(
+    image: Float[Array, "H W C"], layout: str, report: Report
+) -> EnvironmentMap:
+    if layout == "latlong":
+        return EnvironmentMap(image, layout, None, None, image, report)
+    directions, solid_angles = LAYOUTS[layout].pixels(*image.shape[:2])
     inside = solid_angles > 0
     pixels = np.asarray(image)[inside]
     return EnvironmentMap(
-        pixels, name, directions[inside], solid_angles[inside], image, report
+        pixels, layout, directions[inside], solid_angles[inside], image, report
     )
-
-
-def _average_latlong(image: np.ndarray, layout: str, n_theta: int) -> np.ndarray:
-    """Average over the overlap of old and new pixels, which separates in rows, columns."""
-    height, width, _ = image.shape
-    # In z = cos t the area is uniform; rows are counted from the top.
-    rows = _overlap(
-        *(1 - np.cos(np.pi * np.arange(n + 1) / n) for n in (n_theta, height))
-    )
-    columns = _overlap(*(np.arange(n + 1) / n for n in (2 * n_theta, width)))
-    wide = np.einsum("ih,hwc->iwc", rows, image.astype(np.float64), optimize=True)
-    return np.einsum("jw,iwc->ijc", columns, wide, optimize=True)
-
-
-def _overlap(new: np.ndarray, old: np.ndarray) -> np.ndarray:
-    """Share of each old interval in each new one, ``(len(new) - 1, len(old) - 1)``."""
-    lower = np.maximum(new[:-1, None], old[:-1])
-    upper = np.minimum(new[1:, None], old[1:])
-    return np.maximum(upper - lower, 0) / np.diff(new)[:, None]
-
-
-def _resample(image: np.ndarray, layout: str, n_theta: int) -> np.ndarray:
-    """Average bilinear readings at k x k points of each lat-long pixel."""
-    height, width, channels = image.shape
-    _, solid_angles = LAYOUTS[layout].pixels(height, width)
-    source_pixels = np.count_nonzero(solid_angles)
-    k = 1 + int(np.ceil(np.sqrt(source_pixels / (2 * n_theta**2))))
-    total = np.zeros((n_theta, 2 * n_theta, channels))
-    weight = np.zeros((n_theta, 1, 1))
-    for offset in (np.arange(k) + 0.5) / k:
-        theta = np.pi * (np.arange(n_theta) + offset) / n_theta
-        for across in (np.arange(k) + 0.5) / k:
-            phi = np.pi - np.pi * (np.arange(2 * n_theta) + across) / n_theta
-            directions = spherical_directions(theta[:, None], phi)
-            row, column = LAYOUTS[layout].lookup(directions, height, width)
-            area = np.sin(theta)[:, None, None]
-            total += area * _bilinear(image, solid_angles > 0, row, column)
-            weight += area
-    return total / weight
-
-
-def _bilinear(
-    image: np.ndarray, inside: np.ndarray, row: np.ndarray, column: np.ndarray
-) -> np.ndarray:
-    """Read between pixel centres; pixels that are not part of the map do not count."""
-    height, width, _ = image.shape
-    top, left = np.floor(row).astype(int), np.floor(column).astype(int)
-    total, weight = 0.0, 0.0
-    for i in (0, 1):
-        for j in (0, 1):
-            r = np.clip(top + i, 0, height - 1)
-            c = np.clip(left + j, 0, width - 1)
-            share = np.abs(1 - i - (row - top)) * np.abs(1 - j - (column - left))
-            share = share * inside[r, c] + 1e-12 * inside[r, c]
-            total = total + share[..., None] * np.where(
-                inside[r, c, None], image[r, c], 0
-            )
-            weight = weight + share[..., None]
-    return total / np.where(weight == 0, 1, weight)
