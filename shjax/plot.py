@@ -62,7 +62,7 @@ def _show(axis: Any, image: np.ndarray, title: str = "", **options: Any) -> Any:
 
 
 def _encoded(image: np.ndarray, white: float | None = None) -> np.ndarray:
-    from shjax.io.images import encode_srgb
+    from shjax.io.colour import encode_srgb
 
     shown = encode_srgb(tone_map(np.asarray(image), white=white))
     return np.clip(np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3)), 0, 1)

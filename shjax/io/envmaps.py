@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from shjax.envmap import EnvironmentMap, Report, make_envmap
-from shjax.io.images import read_with_format
+from shjax.harmonics.grid import Grid
+from shjax.io.images import MAX_PIXELS, decode, in_memory
 from shjax.layouts import LAYOUTS
 
 INVALID_CHOICES = ("error", "clamp", "zero", "keep")
 NEGATIVE_ENERGY_LIMIT = 1e-4
+_BAND = 2**20  # values at a time
 
 
 def shipped_panorama() -> Path:
@@ -26,14 +28,17 @@ def read_envmap(
     *,
     layout: str = "auto",
     invalid: str = "error",
-    max_pixels: int = 2**28,
+    max_pixels: int = MAX_PIXELS,
+    layer: str | None = None,
+    alpha: str = "drop",
+    isolate: bool = False,
 ) -> EnvironmentMap:
-    """Read an environment map: lat-long, angular map or vertical cross.
+    """Read an environment map of any layout.
 
     Args:
-        path: EXR, Radiance .hdr, or what OpenImageIO reads.
-        layout: ``"latlong"``, ``"angular"``, ``"vertical_cross"``, or ``"auto"``: told
-            from the image's aspect, and said in the report.
+        path: A file, or a folder of six faces, as in :func:`shjax.io.read_image`.
+        layout: A name in :data:`shjax.layouts.LAYOUTS`, or ``"auto"``: what the file
+            itself says, else told from the image's aspect, and said in the report.
         invalid: What to do with NaN, infinite and negative values. ``"error"`` refuses
             the first two, and negative ones whose energy exceeds 1e-4 of the total
             (below that they are integrated as they stand: lossy compression leaves
@@ -41,6 +46,9 @@ def read_envmap(
             to the largest finite value); ``"zero"`` makes such pixels black; ``"keep"``
             changes nothing. The report says what was done.
         max_pixels: Larger images are refused before they are decoded.
+        layer: Part or layer of an EXR, as in :func:`shjax.io.read_image`.
+        alpha: As in :func:`shjax.io.read_image`.
+        isolate: As in :func:`shjax.io.read_image`.
 
     Returns:
         The environment map, float32, with its report.
@@ -55,9 +63,13 @@ def read_envmap(
             f"invalid must be one of {', '.join(INVALID_CHOICES)}; got {invalid!r}."
         )
     path = Path(path)
-    image, kind = read_with_format(path, max_pixels=max_pixels)
-    height, width, _ = image.shape
-    report = Report(path.name, kind, layout, False, height, width)
+    decoded = decode(
+        path, max_pixels=max_pixels, layer=layer, alpha=alpha, isolate=isolate
+    )
+    image = in_memory(path, decoded)
+    report = Report(path.name, decoded.kind, layout, False, *decoded.shape[:2])
+    if layout == "auto" and decoded.layout is not None:
+        layout = decoded.layout
     try:
         found = make_envmap(image, layout=layout, report=report)
         return _treat_invalid(found, invalid)
@@ -65,31 +77,74 @@ def read_envmap(
         raise ValueError(f"{path}: {error}") from None
 
 
+@dataclasses.dataclass
+class _Invalid:
+    """What is wrong with a map's values, counted a band of rows at a time."""
+
+    non_finite: int = 0
+    negative: int = 0
+    below: float = 0.0
+    whole: float = 0.0
+    first: tuple[int, int, int] | None = None
+
+    def add(self, band: np.ndarray, weights: np.ndarray, start: int) -> None:
+        """Count rows of the image; weights ``(n, W or 1)`` are 0 outside the map."""
+        finite = np.isfinite(band)
+        flux = np.abs(np.where(finite, band, 0)) * weights[..., None]
+        self.whole += float(flux.sum(dtype=np.float64))
+        known = np.broadcast_to((weights > 0)[..., None], band.shape)
+        negative = (band < 0) & known
+        if negative.any():
+            self.negative += int(negative.sum())
+            self.below += float(flux[negative].sum(dtype=np.float64))
+        bad = ~finite & known
+        if bad.any():
+            self.non_finite += int(bad.sum())
+            row, column, channel = (int(k) for k in np.argwhere(bad)[0])
+            self.first = self.first or (start + row, column, channel)
+
+    @property
+    def share(self) -> float:
+        """Energy of the negative values as a share of all, both counted as positive."""
+        return self.below / self.whole if self.whole > 0 else 0.0
+
+
+def _count_invalid(envmap: EnvironmentMap) -> _Invalid:
+    image = np.asarray(envmap.image)
+    height, width, channels = image.shape
+    if envmap.layout == "latlong":
+        weights = Grid(height, width).weights[:, None]
+    else:
+        weights = LAYOUTS[envmap.layout].solid_angles(height, width)
+    weights = weights.astype(np.float32)
+    found = _Invalid()
+    step = max(_BAND // (width * channels), 1)
+    for start in range(0, height, step):
+        rows = slice(start, start + step)
+        found.add(image[rows], weights[rows], start)
+    return found
+
+
 def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
-    radiance, _, weights = envmap.samples()
-    radiance = np.asarray(radiance)
-    non_finite = ~np.isfinite(radiance)
-    negative = radiance < 0
-    count, below = int(non_finite.sum()), int(negative.sum())
-    if not count and not below:
+    found = _count_invalid(envmap)
+    if not found.non_finite and not found.negative:
         return envmap
-    share = _negative_share(np.where(non_finite, 0, radiance), weights)
     if invalid == "error":
-        _refuse(envmap, non_finite, share)
+        _refuse(found)
     done = {
         "error": "integrated as they stand",
         "keep": "kept",
         "clamp": "clamped",
         "zero": "made black",
     }[invalid]
-    parts = [f"{count} NaN or infinite values"] * bool(count) + [
-        f"{below} negative values ({share:.1e} of the energy)"
-    ] * bool(below)
+    parts = [f"{found.non_finite} NaN or infinite values"] * bool(found.non_finite) + [
+        f"{found.negative} negative values ({found.share:.1e} of the energy)"
+    ] * bool(found.negative)
     report = dataclasses.replace(
         envmap.report,
-        non_finite=count,
-        negative=below,
-        negative_energy=share,
+        non_finite=found.non_finite,
+        negative=found.negative,
+        negative_energy=found.share,
         action=f"{' and '.join(parts)} {done}",
     )
     if invalid in ("error", "keep"):
@@ -100,27 +155,17 @@ def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
     )
 
 
-def _negative_share(radiance: np.ndarray, weights: np.ndarray) -> float:
-    """Energy of the negative values as a share of all, both counted as positive."""
-    flux = radiance.astype(np.float64) * weights[:, None]
-    whole = np.abs(flux).sum()
-    return float(-flux[flux < 0].sum() / whole) if whole > 0 else 0.0
-
-
-def _refuse(envmap: EnvironmentMap, non_finite: np.ndarray, share: float) -> None:
-    if non_finite.any():
-        image = np.asarray(envmap.image)
-        _, solid_angles = LAYOUTS[envmap.layout].pixels(*image.shape[:2])
-        bad = ~np.isfinite(image) & (solid_angles > 0)[..., None]
-        row, column, channel = (int(k) for k in np.argwhere(bad)[0])
+def _refuse(found: _Invalid) -> None:
+    if found.first is not None:
+        row, column, channel = found.first
         raise ValueError(
-            f"{int(non_finite.sum())} values are NaN or infinite, the first at row "
+            f"{found.non_finite} values are NaN or infinite, the first at row "
             f"{row}, column {column}, channel {channel} (counted from 0); "
             f"invalid='clamp' or 'zero' reads it all the same."
         )
-    if share > NEGATIVE_ENERGY_LIMIT:
+    if found.share > NEGATIVE_ENERGY_LIMIT:
         raise ValueError(
-            f"negative values hold {share:.1e} of the energy, the limit is "
+            f"negative values hold {found.share:.1e} of the energy, the limit is "
             f"{NEGATIVE_ENERGY_LIMIT:.0e}; invalid='clamp', 'zero' or 'keep' reads it "
             f"all the same."
         )

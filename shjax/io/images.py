@@ -1,4 +1,4 @@
-"""Images of linear light by the suffix or the first bytes of their file."""
+"""Images of linear light: read whatever their suffix says, written by their suffix."""
 
 from __future__ import annotations
 
@@ -9,51 +9,62 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from shjax.io import exr, radiance
+from shjax.io import exr, isolation, other, reading
+from shjax.io.colour import encode_srgb
+from shjax.io.decoded import Decoded
 from shjax.io.writing import replacing
 
+MAX_PIXELS = 2**28
 _WRITTEN = (".exr", ".hdr", ".png")
 
 
 def read_image(
-    path: str | os.PathLike, *, max_pixels: int = 2**28
+    path: str | os.PathLike,
+    *,
+    max_pixels: int = MAX_PIXELS,
+    layer: str | None = None,
+    alpha: str = "drop",
+    isolate: bool = False,
 ) -> Float[np.ndarray, "H W C"]:
-    """Read an image as linear light, whatever its suffix says.
+    """Read an image as linear Rec. 709, whatever its suffix says.
 
-    EXR and Radiance .hdr by their first bytes; anything else through OpenImageIO, whose
-    8- and 16-bit pictures are taken as sRGB and decoded to linear.
+    EXR, Radiance .hdr, PFM and .npy are known by their first bytes, a headerless .float
+    probe by its suffix; anything else goes through OpenImageIO, whose 8- and 16-bit
+    pictures are taken as sRGB and decoded to linear.
 
     Args:
-        path: The file.
+        path: The file; or a folder that holds the six faces of a cube, named px, nx, py,
+            ny, pz, nz (or right, left, top, bottom, front, back), which are stacked.
         max_pixels: Larger images are refused before they are decoded.
+        layer: Name of a part or layer of an EXR; default the first in colour.
+        alpha: What to do with an EXR's alpha: ``"drop"`` it, or ``"unpremultiply"``,
+            divide by it first.
+        isolate: Read in another process, which a file that crashes or hangs its reader
+            cannot leave.
 
     Returns:
-        ``(H, W, C)`` float32.
+        ``(H, W, C)`` float32, C 1 or 3.
 
     Raises:
         OSError: If the file cannot be opened.
         ValueError: If its contents cannot be read; the message names the file.
     """
-    return read_with_format(Path(path), max_pixels=max_pixels)[0]
+    decoded = decode(
+        path, max_pixels=max_pixels, layer=layer, alpha=alpha, isolate=isolate
+    )
+    return in_memory(Path(path), decoded)
 
 
-def read_with_format(path: Path, *, max_pixels: int) -> tuple[np.ndarray, str]:
-    """The image and how it was stored, in words."""
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder, not an image.")
-    try:
-        with path.open("rb") as file:
-            start = file.read(16)
-    except OSError as error:
-        raise type(error)(f"{path}: {error.strerror or error}.") from None
-    if not start:
-        raise ValueError(f"{path}: the file is empty.")
-    if start.startswith(exr.MAGIC):
-        return exr.read_exr(path, max_pixels=max_pixels), "OpenEXR"
-    if start.startswith(radiance.MAGIC):
-        image = radiance.read_radiance(path, max_pixels=max_pixels)
-        return image, "Radiance RGBE (half step decoded)"
-    return _read_other(path, max_pixels)
+def decode(path: str | os.PathLike, *, isolate: bool, **options) -> Decoded:
+    """The image, and how it was stored; arguments as of :func:`read_image`."""
+    reader = isolation.read if isolate else reading.read
+    return reader(Path(path), **options)
+
+
+def in_memory(path: Path, decoded: Decoded) -> np.ndarray:
+    """All pixels of an image that was read from ``path``."""
+    with reading.naming(path):
+        return decoded.pixels()
 
 
 def write_image(
@@ -62,6 +73,9 @@ def write_image(
     *,
     attributes: Mapping[str, str] | None = None,
     channels: Sequence[str] | None = None,
+    half: bool = False,
+    compression: str = "zip",
+    layout: str | None = None,
 ) -> None:
     """Write linear light: ``.exr`` and ``.hdr`` as it is, ``.png`` as 8-bit sRGB.
 
@@ -71,6 +85,10 @@ def write_image(
         attributes: Texts stored in the header of an EXR.
         channels: Names of an EXR's channels, ``layer.R`` and the like; default Y, RGB,
             RGBA, or numbers.
+        half: An EXR in 16 bits; values beyond 65504 are clipped to that.
+        compression: Of an EXR: none, rle, zips, zip, piz (these lose nothing), pxr24,
+            b44, b44a, dwaa or dwab.
+        layout: An environment map's; OpenEXR's own two are marked in an EXR's header.
 
     Raises:
         OSError: If the file cannot be written.
@@ -86,65 +104,23 @@ def write_image(
         raise ValueError(
             f"channels must hold {pixels.shape[-1]} different names; got {channels}."
         )
+    if compression not in exr.COMPRESSIONS:
+        raise ValueError(
+            f"compression must be one of {', '.join(exr.COMPRESSIONS)}; "
+            f"got {compression!r}."
+        )
     if suffix != ".exr" and pixels.shape[-1] not in (1, 3):
         raise ValueError(f"{suffix} holds 1 or 3 channels; got {pixels.shape[-1]}.")
     with replacing(path) as temporary:
         if suffix == ".exr":
-            exr.write_exr(temporary, pixels, attributes or {}, channels)
+            exr.write_exr(
+                temporary, pixels, attributes or {}, channels,
+                half=half, compression=compression, layout=layout,
+            )  # fmt: skip
         elif suffix == ".hdr":
-            _write_other(temporary, np.broadcast_to(pixels, (*pixels.shape[:2], 3)))
+            other.write_other(
+                temporary, np.broadcast_to(pixels, (*pixels.shape[:2], 3))
+            )
         else:
             levels = np.round(255 * encode_srgb(np.clip(pixels, 0, 1)))
-            _write_other(temporary, levels.astype(np.uint8))
-
-
-def encode_srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear light in [0, 1] to sRGB [IEC 61966-2-1]."""
-    curve = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curve)
-
-
-def decode_srgb(encoded: np.ndarray) -> np.ndarray:
-    """The inverse of :func:`encode_srgb`."""
-    curve = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
-    return np.where(encoded <= 0.04045, encoded / 12.92, curve)
-
-
-def _read_other(path: Path, max_pixels: int) -> tuple[np.ndarray, str]:
-    import OpenImageIO as oiio
-
-    source = oiio.ImageInput.open(str(path))
-    if source is None:
-        reason = oiio.geterror().strip().splitlines() or ["unknown format"]
-        raise ValueError(f"{path}: not an image that can be read ({reason[0]}).")
-    try:
-        spec = source.spec()
-        if not 0 < spec.width * spec.height <= max_pixels:
-            raise ValueError(
-                f"{path}: {spec.width} x {spec.height} pixels; the limit is {max_pixels}."
-            )
-        pixels = source.read_image("float")
-        if pixels is None:
-            raise ValueError(f"{path}: damaged ({source.geterror()}).")
-    finally:
-        source.close()
-    image = np.asarray(pixels, np.float32).reshape(spec.height, spec.width, -1)
-    image = image[..., : 1 if image.shape[-1] < 3 else 3]  # alpha is dropped
-    name = source.format_name()
-    if spec.format.basetype in (oiio.UINT8, oiio.UINT16):
-        return decode_srgb(image).astype(np.float32), f"{name} (sRGB decoded)"
-    return image, name
-
-
-def _write_other(path: Path, pixels: np.ndarray) -> None:
-    import OpenImageIO as oiio
-
-    height, width, channels = pixels.shape
-    kind = "uint8" if pixels.dtype == np.uint8 else "float"
-    target = oiio.ImageOutput.create(str(path))
-    spec = oiio.ImageSpec(width, height, channels, kind)
-    if target is None or not target.open(str(path), spec):
-        raise OSError(f"{path}: OpenImageIO cannot write it ({oiio.geterror()}).")
-    written = target.write_image(np.ascontiguousarray(pixels))
-    if not (target.close() and written):
-        raise OSError(f"{path}: OpenImageIO cannot write it ({target.geterror()}).")
+            other.write_other(temporary, levels.astype(np.uint8))

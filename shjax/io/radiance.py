@@ -1,8 +1,11 @@
-"""Radiance .hdr (RGBE), with the format's own decoding.
+"""Radiance .hdr (RGBE and XYZE), with the format's own decoding.
 
 A mantissa byte m stands for the interval [m, m + 1), so it decodes to
 ``(m + 1/2) 2^(e - 136)`` [Ward 1991, Real Pixels]; common libraries leave out the half,
 which makes every pixel darker by 0.4 % in the mean.
+
+References:
+    [Radiance] File formats: the header's variables, the eight orientations, run lengths.
 """
 
 from __future__ import annotations
@@ -12,104 +15,191 @@ from pathlib import Path
 
 import numpy as np
 
+from shjax.io import colour
+from shjax.io.decoded import Decoded, check_size, oriented
+
 MAGIC = (b"#?RADIANCE", b"#?RGBE")
+_FORMATS = {"32-bit_rle_rgbe": False, "32-bit_rle_xyze": True}
+_HEADER_LIMIT = 2**20
+# What Radiance itself writes, and everybody reads as Rec. 709.
+_OWN_PRIMARIES = (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, 1 / 3, 1 / 3)
+_SIZE = re.compile(rb"([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9}) *\r?\n")
 
 
-def read_radiance(path: Path, *, max_pixels: int) -> np.ndarray:
-    """Read a picture of linear RGB, ``(H, W, 3)`` float32.
+def read_radiance(path: Path, *, max_pixels: int) -> Decoded:
+    """Read a picture as linear Rec. 709.
 
     Raises:
-        ValueError: If the file is damaged, too large, or of a kind not supported.
+        ValueError: If the file is damaged or too large; without the file's name.
     """
     data = path.read_bytes()
-    fields, height, width, start = _header(path, data)
-    if fields.get("FORMAT", "32-bit_rle_rgbe") != "32-bit_rle_rgbe":
-        raise ValueError(f"{path}: FORMAT={fields['FORMAT']} is not supported.")
-    if not 0 < height * width <= max_pixels:
-        raise ValueError(
-            f"{path}: {width} x {height} pixels; the limit is {max_pixels}."
-        )
+    fields, size, start = _header(data)
+    kind = fields.get("FORMAT", ["32-bit_rle_rgbe"])[-1]
+    if kind not in _FORMATS:
+        raise ValueError(f"FORMAT={kind} is not a Radiance picture's")
+    gain, gamma = _scale(fields)
+    matrix, said = _primaries(fields, xyz=_FORMATS[kind])
+    outer, outer_count, inner, inner_count = size
+    lines, length = outer_count, inner_count
+    check_size((lines, length), max_pixels)
     try:
-        rgbe = _scanlines(memoryview(data)[start:], height, width)
+        rgbe = _scanlines(memoryview(data)[start:], lines, length)
     except (IndexError, ValueError) as error:
-        raise ValueError(f"{path}: damaged or cut off in its pixels.") from error
-    exposure = float(fields.get("EXPOSURE", 1.0))
-    exponent = rgbe[..., 3:].astype(np.int32)
-    mantissa = rgbe[..., :3].astype(np.float32) + np.float32(0.5)
-    rgb = np.ldexp(mantissa, exponent - 136) * (exponent > 0)
-    return (rgb / np.float32(exposure)).astype(np.float32)
+        raise ValueError(f"damaged or cut off in its pixels ({error})") from error
+    turned = outer[1] == "X"
+    if turned:
+        rgbe = rgbe.transpose(1, 0, 2)
+    y, x = (inner[0], outer[0]) if turned else (outer[0], inner[0])
+
+    def rows(first: int, last: int) -> np.ndarray:
+        exponent = rgbe[first:last, :, 3:].astype(np.int32)
+        mantissa = rgbe[first:last, :, :3].astype(np.float32) + np.float32(0.5)
+        with np.errstate(over="ignore"):
+            values = np.ldexp(mantissa, exponent - 136) * (exponent > 0)
+            if gamma != 1:
+                values = values ** np.float32(gamma)
+            if matrix is not None:
+                values = values @ matrix.T.astype(np.float32)
+            return (values * gain).astype(np.float32)
+
+    words = [
+        "Radiance " + ("XYZE" if _FORMATS[kind] else "RGBE") + " (half step decoded)"
+    ]
+    words += said
+    words += ["gamma undone"] * (gamma != 1)
+    words += ["exposure undone"] * bool(np.any(gain != 1))
+    image = Decoded((*rgbe.shape[:2], 3), rows, ", ".join(words))
+    # Rows from the top are -Y, columns from the left +X.
+    return oriented(image, flip_rows=y == "+", flip_columns=x == "-")
 
 
-def _header(path: Path, data: bytes) -> tuple[dict[str, str], int, int, int]:
-    """Fields, height, width and where the pixels start."""
-    end = data.find(b"\n\n")
-    size = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})\n").match(data, end + 2)
-    if not data.startswith(MAGIC) or end < 0:
-        raise ValueError(f"{path}: not a Radiance picture.")
-    if size is None:
-        raise ValueError(f"{path}: only pictures stored -Y +X are supported.")
-    fields: dict[str, str] = {}
-    for line in data[:end].decode("latin-1").splitlines()[1:]:
+def _header(data: bytes) -> tuple[dict[str, list[str]], tuple, int]:
+    """Fields, the two axes with their lengths, and where the pixels start."""
+    head = data[:_HEADER_LIMIT]
+    if not head.startswith(MAGIC):
+        raise ValueError("not a Radiance picture")
+    end = re.compile(rb"\r?\n\r?\n").search(head)
+    size = None if end is None else _SIZE.match(data, end.end())
+    if end is None or size is None or size[2] == size[5]:
+        raise ValueError("a Radiance picture without a line for its size (-Y H +X W)")
+    fields: dict[str, list[str]] = {}
+    for line in head[: end.start()].decode("latin-1").splitlines()[1:]:
         key, equals, value = line.partition("=")
-        if not equals or line.startswith("#"):
-            continue
-        key, value = key.strip().upper(), value.strip()
-        if key == "EXPOSURE":  # several multiply
-            try:
-                value = str(float(fields.get(key, 1.0)) * float(value))
-            except ValueError as error:
-                raise ValueError(f"{path}: EXPOSURE={value} is no number.") from error
-        fields[key] = value
-    return fields, int(size[1]), int(size[2]), size.end()
+        if equals and not line.startswith("#"):
+            fields.setdefault(key.strip().upper(), []).append(value.strip())
+    first = (size[1].decode(), size[2].decode())
+    second = (size[4].decode(), size[5].decode())
+    return fields, (first, int(size[3]), second, int(size[6])), size.end()
 
 
-def _scanlines(data: memoryview, height: int, width: int) -> np.ndarray:
-    """RGBE bytes ``(H, W, 4)`` of run-length encoded or flat scanlines."""
-    pixels = np.zeros((height, width, 4), np.uint8)
+def _numbers(fields: dict[str, list[str]], key: str, count: int) -> list[np.ndarray]:
+    found = []
+    for text in fields.get(key, []):
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            values = np.zeros(0)
+        if values.shape != (count,) or not np.all(np.isfinite(values)):
+            many = "no number" if count == 1 else f"not {count} numbers"
+            raise ValueError(f"{key}={text} is {many}")
+        found.append(values)
+    return found
+
+
+def _scale(fields: dict[str, list[str]]) -> tuple[np.ndarray, float]:
+    """What undoes exposure and colour correction ``(3,)``, and the gamma."""
+    gain = np.ones(3)
+    for key, count in (("EXPOSURE", 1), ("COLORCORR", 3)):
+        for values in _numbers(fields, key, count):  # several multiply
+            if np.any(values <= 0):
+                raise ValueError(f"{key}={fields[key][-1]} is not positive")
+            gain = gain / values
+    gammas = _numbers(fields, "GAMMA", 1)
+    gamma = float(gammas[-1][0]) if gammas else 1.0
+    if not (0 < gamma < 100) or not np.all(np.isfinite(gain.astype(np.float32))):
+        raise ValueError("its GAMMA, EXPOSURE or COLORCORR is beyond reason")
+    return gain.astype(np.float32), gamma
+
+
+def _primaries(
+    fields: dict[str, list[str]], *, xyz: bool
+) -> tuple[np.ndarray | None, list[str]]:
+    # Photoshop writes zeros where it does not know them.
+    given = [space for space in _numbers(fields, "PRIMARIES", 8) if np.any(space)]
+    space = given[-1] if given else np.array(_OWN_PRIMARIES)
+    if xyz:
+        space = np.array(colour.XYZ)
+    elif np.max(np.abs(space - _OWN_PRIMARIES)) < 2e-3:
+        return None, []
+    matrix, name = colour.to_rec709(space)
+    return matrix, [] if matrix is None else [f"{name} converted to Rec. 709"]
+
+
+def _scanlines(data: memoryview, lines: int, length: int) -> np.ndarray:
+    """RGBE bytes ``(lines, length, 4)`` of run-length encoded or flat scanlines."""
+    if len(data) < 4 * lines:  # a pixel, or the mark of an encoded line
+        raise ValueError("fewer bytes than its lines need")
+    pixels = np.zeros((lines, length, 4), np.uint8)
     at = 0
-    for row in range(height):
+    for line in range(lines):
         new_style = (
-            8 <= width < 32768
+            8 <= length < 32768
             and bytes(data[at : at + 2]) == b"\2\2"
-            and data[at + 2] * 256 + data[at + 3] == width
+            and data[at + 2] * 256 + data[at + 3] == length
         )
         read = _new_scanline if new_style else _old_scanline
-        at = read(data, at + 4 * new_style, pixels[row])
+        at = read(data, at + 4 * new_style, pixels[line])
     return pixels
 
 
-def _new_scanline(data: memoryview, at: int, row: np.ndarray) -> int:
+def _new_scanline(data: memoryview, at: int, line: np.ndarray) -> int:
     """Four planes of runs (count > 128) and literals, one after the other."""
-    width = row.shape[0]
-    for plane in range(4):
-        column = 0
-        while column < width:
+    length = line.shape[0]
+    decoded = bytearray()
+    for plane in range(1, 5):
+        end = plane * length
+        while len(decoded) < end:
             count = data[at]
-            run = count > 128
-            count = count - 128 if run else count
-            if count == 0 or column + count > width:
+            if count > 128:
+                decoded += bytes(data[at + 1 : at + 2]) * (count - 128)
+                at += 2
+            elif count:
+                decoded += data[at + 1 : at + 1 + count]
+                at += 1 + count
+            else:
+                raise ValueError("an empty run")
+            if at > len(data) or len(decoded) > end:
                 raise ValueError("a run passes the end of its line")
-            source = data[at + 1 : at + 2 if run else at + 1 + count]
-            row[column : column + count, plane] = np.frombuffer(source, np.uint8)
-            at += 1 + len(source)
-            column += count
+    line[:] = np.frombuffer(decoded, np.uint8).reshape(4, length).T
     return at
 
 
-def _old_scanline(data: memoryview, at: int, row: np.ndarray) -> int:
+def _old_scanline(data: memoryview, at: int, line: np.ndarray) -> int:
     """Pixels as they are, where (1, 1, 1, n) repeats the one before n times."""
-    width = row.shape[0]
-    column, shift = 0, 0
-    while column < width:
+    length = line.shape[0]
+    flat = np.frombuffer(data[at : at + 4 * length], np.uint8)
+    whole = flat[: flat.size // 4 * 4].reshape(-1, 4)
+    # Up to the first repeat the pixels stand as they are.
+    repeats = np.flatnonzero(np.all(whole[:, :3] == 1, axis=-1))
+    plain = int(repeats[0]) if repeats.size else len(whole)
+    if plain == length:
+        line[:] = whole
+        return at + 4 * length
+    line[:plain] = whole[:plain]
+    at += 4 * plain
+    column, shift = plain, 0
+    while column < length:
         pixel = np.frombuffer(data[at : at + 4], np.uint8)
+        if pixel.size < 4:
+            raise ValueError("cut off")
         at += 4
         if tuple(pixel[:3]) == (1, 1, 1) and column:
-            count = int(pixel[3]) << shift
-            if column + count > width:
+            count = int(pixel[3]) << min(shift, 32)
+            if column + count > length:
                 raise ValueError("a run passes the end of its line")
-            row[column : column + count] = row[column - 1]
+            line[column : column + count] = line[column - 1]
             column, shift = column + count, shift + 8
         else:
-            row[column] = pixel
+            line[column] = pixel
             column, shift = column + 1, 0
     return at

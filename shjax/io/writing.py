@@ -4,24 +4,45 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import tempfile
 from collections.abc import Iterator
+from contextvars import ContextVar
 from pathlib import Path
+
+_inputs: ContextVar[tuple[Path, ...]] = ContextVar("inputs", default=())
+
+
+@contextlib.contextmanager
+def protecting(*paths: Path) -> Iterator[None]:
+    """Within it, nothing is written over these files."""
+    token = _inputs.set((*_inputs.get(), *paths))
+    try:
+        yield
+    finally:
+        _inputs.reset(token)
 
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """A temporary file in the same folder that becomes ``path`` on success.
 
+    What a killed process left of the same file is removed.
+
     Raises:
-        OSError: If the folder cannot be written to.
+        OSError: If the folder cannot be written to, or ``path`` is an input.
     """
     target = Path(path)
     make_folder(target.parent)
     if target.is_dir():
         raise IsADirectoryError(f"{target}: is a folder, not a file to write.")
+    if target.exists() and any(
+        kept.exists() and target.samefile(kept) for kept in _inputs.get()
+    ):
+        raise FileExistsError(f"{target}: is an input, which is not written over.")
+    _remove_leftovers(target)
     handle, name = tempfile.mkstemp(
-        prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent
+        prefix=f".{target.stem}-{os.getpid()}-", suffix=target.suffix, dir=target.parent
     )
     os.close(handle)
     temporary = Path(name)
@@ -31,6 +52,27 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Temporaries of this target whose process is no more."""
+    stem, suffix = re.escape(target.stem), re.escape(target.suffix)
+    pattern = re.compile(rf"\.{stem}-(\d+)-[^.]+{suffix}")
+    for entry in os.scandir(target.parent):
+        found = pattern.fullmatch(entry.name)
+        if found and not _alive(int(found[1])):
+            with contextlib.suppress(OSError):
+                os.unlink(entry.path)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def check_folder(path: Path) -> None:

@@ -1,0 +1,90 @@
+"""What a reader hands over: an image of which any band of rows can be had.
+
+Bands, because a panorama may be large: whoever wants the pixels makes room for them once
+and has the bands put there, and a colour conversion never needs a second copy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+_BAND = 2**20  # values at a time
+
+
+@dataclasses.dataclass(frozen=True)
+class Decoded:
+    """An image of linear light, as read from a file.
+
+    Attributes:
+        shape: Height, width and channels.
+        rows: ``(start, stop)`` to those rows, ``(stop - start, W, C)``; any real dtype.
+        kind: How the file stored it and what was converted, in words.
+        layout: The layout that the file itself names, of :data:`shjax.layouts.LAYOUTS`.
+        whole: The image, where it is in memory already as float32.
+    """
+
+    shape: tuple[int, int, int]
+    rows: Callable[[int, int], np.ndarray]
+    kind: str
+    layout: str | None = None
+    whole: np.ndarray | None = None
+
+    def bands(self) -> Iterator[tuple[slice, np.ndarray]]:
+        """Rows in order, a few at a time, as contiguous float32."""
+        height, width, channels = self.shape
+        step = max(_BAND // (width * channels), 1)
+        for start in range(0, height, step):
+            stop = min(start + step, height)
+            band = np.ascontiguousarray(self.rows(start, stop), np.float32)
+            if band.shape != (stop - start, width, channels):
+                raise ValueError("damaged or cut off in its pixels")
+            yield slice(start, stop), band
+
+    def pixels(self) -> Float[np.ndarray, "H W C"]:
+        """The whole image, float32."""
+        if self.whole is not None:
+            return self.whole
+        image = np.empty(self.shape, np.float32)
+        for where, band in self.bands():
+            image[where] = band
+        return image
+
+
+def from_array(image: np.ndarray, kind: str, layout: str | None = None) -> Decoded:
+    """Of an image ``(H, W, C)`` that is in memory, or mapped there."""
+    height, width, channels = image.shape
+    return Decoded(
+        (height, width, channels), lambda start, stop: image[start:stop], kind, layout
+    )
+
+
+def check_size(size: Iterable[int] | np.ndarray, max_pixels: int) -> None:
+    """Refuse what is empty or larger than the limit, before it is decoded.
+
+    Raises:
+        ValueError: Without the file's name, which the caller puts before it.
+    """
+    height, width = (int(n) for n in size)
+    if height < 1 or width < 1 or height * width > max_pixels:
+        raise ValueError(f"{width} x {height} pixels; the limit is {max_pixels}")
+
+
+def oriented(image: Decoded, *, flip_rows: bool, flip_columns: bool) -> Decoded:
+    """The same image with its rows or its columns in the opposite order."""
+    if not (flip_rows or flip_columns):
+        return image
+    height = image.shape[0]
+
+    def rows(start: int, stop: int) -> np.ndarray:
+        band = (
+            image.rows(height - stop, height - start)[::-1]
+            if flip_rows
+            else (image.rows(start, stop))
+        )
+        return band[:, ::-1] if flip_columns else band
+
+    return dataclasses.replace(image, rows=rows)

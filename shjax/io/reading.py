@@ -1,0 +1,139 @@
+"""Which reader a file is for, told from its first bytes; errors that name the file."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from shjax.io import exr, other, radiance, raw
+from shjax.io.decoded import Decoded, check_size
+from shjax.layouts.cubes import FACES
+
+SUFFIXES = (
+    ".exr", ".hdr", ".pic", ".rgbe", ".xyze", ".pfm", ".npy", ".float",
+    ".tif", ".tiff", ".png", ".jpg", ".jpeg",
+)  # fmt: skip
+_FACE_NAMES = {
+    "px": "px", "posx": "px", "right": "px", "nx": "nx", "negx": "nx", "left": "nx",
+    "py": "py", "posy": "py", "top": "py", "up": "py",
+    "ny": "ny", "negy": "ny", "bottom": "ny", "down": "ny",
+    "pz": "pz", "posz": "pz", "front": "pz", "nz": "nz", "negz": "nz", "back": "nz",
+}  # fmt: skip
+
+
+def read(
+    path: Path, *, max_pixels: int, layer: str | None = None, alpha: str = "drop"
+) -> Decoded:
+    """Find the reader and let it read.
+
+    Args:
+        path: A file, or a folder that holds the six faces of a cube.
+        max_pixels: Larger images are refused before they are decoded.
+        layer: Part or layer of an EXR.
+        alpha: One of :data:`shjax.io.exr.ALPHA_CHOICES`.
+
+    Raises:
+        OSError: If the file cannot be opened.
+        ValueError: If it cannot be read; both name the file.
+    """
+    if alpha not in exr.ALPHA_CHOICES:
+        raise ValueError(
+            f"alpha must be one of {', '.join(exr.ALPHA_CHOICES)}; got {alpha!r}."
+        )
+    if path.is_dir():
+        faces = cube_faces(path)
+        if faces is None:
+            raise IsADirectoryError(
+                f"{path}: is a folder, not an image (nor the six faces of a cube)."
+            )
+        return _six_faces(path, faces, max_pixels=max_pixels, alpha=alpha)
+    with naming(path):
+        return _read_file(path, max_pixels, layer, alpha)
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Turn whatever a reader raises into an OSError or ValueError with the file's name.
+
+    Raises:
+        OSError: If the file cannot be opened.
+        ValueError: If it cannot be read.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise type(error)(f"{path}: {error.strerror or error}.") from None
+    except MemoryError:
+        raise ValueError(f"{path}: does not fit into memory.") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {str(error).rstrip('.')}.") from error
+    except Exception as error:  # a damaged file may raise anything in a library
+        raise ValueError(f"{path}: damaged ({error!r}).") from error
+
+
+def _read_file(path: Path, max_pixels: int, layer: str | None, alpha: str) -> Decoded:
+    if not path.is_file() and path.exists():
+        raise ValueError("is not a file")
+    with path.open("rb") as file:
+        start = file.read(16)
+    if not start:
+        raise ValueError("the file is empty")
+    if start.startswith(exr.MAGIC):
+        return exr.read_exr(path, max_pixels=max_pixels, layer=layer, alpha=alpha)
+    if layer is not None:
+        raise ValueError(f"layer {layer!r} was asked for, which only an EXR has")
+    if start.startswith(radiance.MAGIC):
+        return radiance.read_radiance(path, max_pixels=max_pixels)
+    if start.startswith(raw.PFM_MAGIC):
+        return raw.read_pfm(path, max_pixels=max_pixels)
+    if start.startswith(raw.NPY_MAGIC):
+        return raw.read_npy(path, max_pixels=max_pixels)
+    if path.suffix.lower() == ".float":
+        return raw.read_float(path, max_pixels=max_pixels)
+    return other.read_other(path, max_pixels=max_pixels)
+
+
+def cube_faces(folder: Path) -> list[Path] | None:
+    """The six faces in a folder (px, nx, py, ... at the end of their names), or None."""
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        word = re.split(r"[^a-z]+", path.stem.lower())[-1]
+        face = _FACE_NAMES.get(word)
+        if path.suffix.lower() in SUFFIXES and face is not None:
+            if face in found:
+                return None
+            found[face] = path
+    return [found[face] for face in FACES] if set(found) == set(FACES) else None
+
+
+def _six_faces(
+    folder: Path, paths: list[Path], *, max_pixels: int, alpha: str
+) -> Decoded:
+    """Six square images, one below the other."""
+    faces = [read(path, max_pixels=max_pixels, alpha=alpha) for path in paths]
+    side, _, channels = faces[0].shape
+    for path, face in zip(paths, faces, strict=True):
+        if face.shape != (side, side, channels):
+            height, width, count = face.shape
+            raise ValueError(
+                f"{path}: the faces of a cube are square and alike; got {width} x "
+                f"{height} x {count} beside {side} x {side} x {channels}."
+            )
+    with naming(folder):
+        check_size((6 * side, side), max_pixels)
+
+    def rows(start: int, stop: int) -> np.ndarray:
+        parts = []
+        for number, face in enumerate(faces):
+            first = max(start - number * side, 0)
+            last = min(stop - number * side, side)
+            if first < last:
+                parts.append(face.rows(first, last))
+        return np.concatenate(parts)
+
+    kind = f"six faces, {faces[0].kind}"
+    return Decoded((6 * side, side, channels), rows, kind, "vertical_strip")
