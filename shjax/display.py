@@ -7,21 +7,62 @@ from jaxtyping import Float
 
 from shjax.reference import LUMINANCE
 
+OPERATORS = ("reinhard", "linear", "aces")
+_ACES = ("sRGB - Display", "ACES 2.0 - SDR 100 nits (Rec.709)")
+
 
 def tone_map(
-    image: Float[np.ndarray, "H W C"], *, white: float | None = None
+    image: Float[np.ndarray, "H W C"],
+    *,
+    white: float | None = None,
+    operator: str = "reinhard",
 ) -> Float[np.ndarray, "H W C"]:
-    """Compress radiance to [0, 1] [Reinhard et al. 2002, Eq. 4].
+    """Compress radiance to [0, 1].
 
     Args:
-        image: Linear light.
-        white: Luminance shown as white; default the image's 99.5 % quantile. Values
+        image: Linear light, Rec. 709 if it has three channels.
+        white: Luminance shown as white; default the image's 99.5 % quantile, and 1 for
+            ``"linear"`` and ``"aces"`` (where it is no limit, only the scale). Values
             beside which a picture is to be compared need the same white.
+        operator: ``"reinhard"`` [Reinhard et al. 2002, Eq. 4]; ``"linear"``, which clips;
+            ``"aces"``, the ACES 2.0 rendering for an SDR screen, by OpenColorIO.
 
     Returns:
         Linear display light, for an sRGB encoder.
+
+    Raises:
+        ValueError: If the operator is unknown, or the installed OpenColorIO has none.
     """
+    if operator not in OPERATORS:
+        raise ValueError(
+            f"operator must be one of {', '.join(OPERATORS)}; got {operator!r}."
+        )
     image = np.maximum(np.nan_to_num(image), 0)
+    if operator == "reinhard":
+        return _reinhard(image, white)
+    scaled = (image / (white or 1.0)).astype(np.float32)
+    return np.clip(scaled, 0, 1) if operator == "linear" else _aces(scaled)
+
+
+def _aces(image: np.ndarray) -> np.ndarray:
+    import OpenImageIO as oiio
+
+    from shjax.io.colour import decode_srgb
+
+    rgb = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)))
+    shown = oiio.ImageBufAlgo.ociodisplay(
+        oiio.ImageBuf(rgb),
+        *_ACES,
+        "Linear Rec.709 (sRGB)",
+        colorconfig="ocio://default",
+    )
+    if shown.has_error:
+        raise ValueError(f"operator 'aces' is not available: {shown.geterror()}.")
+    encoded = np.clip(np.asarray(shown.get_pixels(oiio.FLOAT)), 0, 1)
+    return decode_srgb(encoded)[..., : image.shape[-1]].astype(np.float32)
+
+
+def _reinhard(image: np.ndarray, white: float | None) -> np.ndarray:
     weights = LUMINANCE if image.shape[-1] == 3 else (1 / image.shape[-1],)
     weights = np.resize(weights, image.shape[-1])
     light = np.sum(image * weights, axis=-1, keepdims=True)

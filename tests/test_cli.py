@@ -188,7 +188,7 @@ def test_convert_says_what_it_did(tmp_path):
         "--l-max",
         6,
     )
-    assert "16 x 8 OpenEXR, latlong" in finished.stdout
+    assert "16 x 8 OpenEXR float, latlong" in finished.stdout
     assert "fewer than 13 rows or columns" in finished.stdout
 
 

@@ -27,6 +27,7 @@ def main() -> None:
     from shjax.cli.estimate import estimate
     from shjax.cli.light import light
     from shjax.cli.reflect import reflect
+    from shjax.cli.remap import remap
     from shjax.cli.render import render_command
     from shjax.cli.score import score
 
@@ -36,6 +37,7 @@ def main() -> None:
     cli.add_command(estimate)
     cli.add_command(score)
     cli.add_command(convert)
+    cli.add_command(remap)
     try:
         status = cli.main(standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:

@@ -91,7 +91,7 @@ def convert(
     if found is None:
         if no_mirror:
             raise click.UsageError("--no-mirror belongs to an sh.txt; SOURCE is a map.")
-        envmap = io.read_envmap(source, layout=layout, invalid=invalid)
+        envmap = io.read_envmap(source, layout=layout, invalid=invalid, isolate=True)
         degree = 2 if l_max is None else l_max
         coefs, quadrature = light_of(envmap, degree, rotate)
         notes = [str(envmap.report), quadrature_note(quadrature, degree)]

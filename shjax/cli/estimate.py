@@ -21,7 +21,7 @@ from shjax.cli.pictures import FRAME, as_rgb, compare, header
 from shjax.display import tone_map
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import degrees, orders
-from shjax.io.writing import check_folder
+from shjax.io.writing import check_folder, protecting
 from shjax.render import Camera
 from shjax.render.shading import covered
 
@@ -142,6 +142,7 @@ def estimate(image: Path, out: Path, as_json: bool, quiet: bool, **options) -> i
       shjax estimate bunny.exr --mesh bunny.ply --camera 0,0,4 --up 0,1,0 --out results
     """
     check_folder(out)
+    click.get_current_context().with_resource(protecting(image))
     _check(options)
     result = run(image, out, **options)
     if as_json and not quiet:
@@ -200,7 +201,7 @@ def _shown(size: tuple[int, int], options: dict) -> surface.Shown:
 
 def run(image: Path, out: Path, **options) -> dict:
     """The whole job; writes into ``out`` and returns what it found."""
-    picture = io.read_image(image).astype(float)
+    picture = io.read_image(image, isolate=True).astype(float)
     ldr = image.suffix.lower() in _LDR
     clipped = picture >= 1 - 1e-6 if ldr else np.zeros(picture.shape, bool)
     picture = picture / options["exposure"]

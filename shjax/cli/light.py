@@ -15,7 +15,8 @@ from rich.console import Console
 
 import shjax
 from shjax import io, render
-from shjax.cli.light_report import print_result, write_results, write_split
+from shjax.cli.light_report import print_line, print_result, write_results, write_split
+from shjax.cli.many import expand, output_names, stamp, stored
 from shjax.cli.options import (
     invalid_option,
     layout_option,
@@ -24,7 +25,8 @@ from shjax.cli.options import (
     window_option,
 )
 from shjax.cli.pictures import FRAME, progress_display
-from shjax.io.writing import check_folder
+from shjax.envmap import EnvironmentMap
+from shjax.io.writing import check_folder, protecting
 from shjax.windows import apply_window
 
 SCHEMA = "shjax.light/1"
@@ -35,6 +37,7 @@ BASIS = (
 UNITS = "radiance of the input, linear (W m^-2 sr^-1 if the input is absolute)"
 RELATIVE_TO = "total radiance over the sphere, int L dw (Rec. 709 luminance)"
 STEPS = 5
+_ROWS = 1024
 
 
 @click.command(short_help="Lighting coefficients, irradiance and spheres.")
@@ -60,6 +63,7 @@ STEPS = 5
 @invalid_option
 @rotate_option
 @window_option
+@click.option("--force", is_flag=True, help="Do again what was done before.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per ENV.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def light(
@@ -72,13 +76,16 @@ def light(
     invalid: str,
     rotate: np.ndarray | None,
     window: str,
+    force: bool,
     as_json: bool,
     quiet: bool,
 ) -> int:
     """Project environment maps on spherical harmonics and show what nine numbers hold.
 
-    ENV is a lat-long panorama (EXR, Radiance .hdr), an angular map or a vertical cross;
-    left out, a panorama that comes with shjax is used.
+    ENV is an environment map of any layout (EXR, Radiance .hdr, PFM, .npy, TIFF, PNG,
+    JPEG), a folder of them, or a folder of the six faces of a cube; left out, a panorama
+    that comes with shjax is used. Of many, one that cannot be read does not stop the
+    rest, and what an earlier run has done is kept.
 
     \b
     For each ENV, DIR receives
@@ -96,41 +103,73 @@ def light(
       shjax light --out results
       shjax light studio.exr sunset.hdr --l-max 4 --out results
       shjax light sunset.hdr --split --out results
+      shjax light panoramas/ --out results
     """
-    paths = list(env) or [io.shipped_panorama()]
-    _check_names(paths)
+    paths = expand(list(env)) or [io.shipped_panorama()]
+    names = output_names(paths)
     check_folder(out)
-    stdout = Console(quiet=quiet or as_json)
-    failed = False
-    with progress_display(quiet) as progress:
+    options = {
+        "l_max": l_max, "size": size, "layout": layout, "invalid": invalid,
+        "window": window, "split": split,
+    }  # fmt: skip
+    stdout = Console(quiet=quiet or as_json, soft_wrap=True)
+    count = {"done": 0, "kept": 0, "refused": 0}
+    with protecting(*paths), progress_display(quiet) as progress:
         task = progress.add_task("", total=STEPS * len(paths))
-        for number, path in enumerate(paths):
+        for number, (path, name) in enumerate(zip(paths, names, strict=True)):
 
-            def step(what: str, name: str = path.name) -> None:
-                progress.update(task, description=f"{name}: {what}", advance=1)
+            def step(what: str, file: str = path.name) -> None:
+                progress.update(task, description=f"{file}: {what}", advance=1)
 
             try:
-                result = run(
-                    path, out, l_max=l_max, size=size, layout=layout, invalid=invalid,
-                    rotation=rotate, window=window, split=split, step=step,
-                )  # fmt: skip
+                kept = None if force else already(path, out, name, options, rotate)
+                result = kept or run(
+                    path, out, name=name, rotation=rotate, step=step, **options
+                )
             except (ValueError, OSError) as error:
                 if len(paths) == 1:
                     raise
-                failed = True
+                count["refused"] += 1
                 print("shjax: " + " ".join(str(error).split()), file=sys.stderr)
-                progress.update(task, completed=STEPS * (number + 1))
-                continue
-            if as_json and not quiet:
-                print(json.dumps(result), flush=True)
-            print_result(stdout, result)
-    return 2 if failed else 0
+            else:
+                count["kept" if kept else "done"] += 1
+                if as_json and not quiet:
+                    print(json.dumps(result), flush=True)
+                elif len(paths) == 1:
+                    print_result(stdout, result)
+                else:
+                    print_line(stdout, result, kept=kept is not None)
+            progress.update(task, completed=STEPS * (number + 1))
+    if len(paths) > 1:
+        words = ", ".join(f"{n} {word}" for word, n in count.items() if n)
+        stdout.print(f"{len(paths)} files: {words}; results in {out}", markup=False)
+    return 2 if count["refused"] else 0
+
+
+def already(
+    path: Path, out: Path, name: str, options: dict, rotation: np.ndarray | None
+) -> dict | None:
+    """The result of an earlier run with the same options on the same file, if whole.
+
+    Raises:
+        OSError: If the file is not there.
+    """
+    record = out / f"{name}_lighting.json"
+    return stored(record, _job(path, options, rotation)) if record.exists() else None
+
+
+def _job(path: Path, options: dict, rotation: np.ndarray | None) -> dict:
+    """All that a result depends on."""
+    turned = None if rotation is None else np.asarray(rotation).tolist()
+    about = {"version": shjax.__version__, "source": str(path), "input": stamp(path)}
+    return {**about, **options, "rotation": turned}
 
 
 def run(
     path: Path,
     out: Path,
     *,
+    name: str | None = None,
     l_max: int = 2,
     size: int = 192,
     layout: str = "auto",
@@ -145,6 +184,7 @@ def run(
     Args:
         path: Environment map.
         out: Folder for the results.
+        name: Start of the results' names; default the file's stem.
         l_max: Highest degree.
         size: Side of each sphere, pixels.
         layout: As in :func:`shjax.io.read_envmap`.
@@ -158,8 +198,14 @@ def run(
         OSError: If a file cannot be opened or written.
         ValueError: If ``path`` cannot be read.
     """
+    options = {
+        "l_max": l_max, "size": size, "layout": layout, "invalid": invalid,
+        "window": window, "split": split,
+    }  # fmt: skip
+    job = _job(path, options, rotation)
+    name = name or path.stem
     step("reading")
-    envmap = io.read_envmap(path, layout=layout, invalid=invalid)
+    envmap = io.read_envmap(path, layout=layout, invalid=invalid, isolate=True)
     if not np.all(np.isfinite(np.asarray(envmap.radiance))):
         raise ValueError(
             f"{path}: values that are not finite cannot be integrated; use "
@@ -170,7 +216,7 @@ def run(
     nine = whole[:9]
     lighting = apply_window(whole[: (l_max + 1) ** 2], window)
     step("exact irradiance of 4000 normals")
-    radiance, directions, weights = envmap.samples()
+    radiance, directions, weights = _reduced(envmap).samples()
     if rotation is not None:
         directions = directions @ rotation.T
     samples = [
@@ -189,6 +235,7 @@ def run(
     }
     result = {
         "schema": SCHEMA,
+        "job": job,
         "source": str(path),
         "report": dataclasses.asdict(envmap.report),
         "l_max": l_max,
@@ -217,11 +264,9 @@ def run(
     spheres = (np.asarray(render.lambertian(ball, lighting)), np.asarray(exact))
     more = {}
     if split:
-        lights, more = write_split(out, path.stem, envmap, rotation)
+        lights, more = write_split(out, name, envmap, rotation)
         result["lights"] = lights
-    result["files"] = write_results(
-        out, path.stem, result, envmap, lighting, spheres, more
-    )
+    result["files"] = write_results(out, name, result, envmap, lighting, spheres, more)
     return result
 
 
@@ -231,11 +276,8 @@ def _relative_error(value, truth) -> float:
     return difference / norm if norm else difference
 
 
-def _check_names(paths: list[Path]) -> None:
-    stems = [path.stem for path in paths]
-    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
-    if twice:
-        raise click.UsageError(
-            f"several ENV are named {', '.join(twice)}; their results would overwrite "
-            "each other. Run them with different --out."
-        )
+def _reduced(envmap: EnvironmentMap) -> EnvironmentMap:
+    """A map that brute force can go through: at most 1024 rows, with its flux."""
+    if envmap.layout != "latlong" or len(envmap.image) <= _ROWS:
+        return envmap
+    return envmap.to_latlong(_ROWS)

@@ -91,6 +91,16 @@ def write_split(
     return found, files
 
 
+def print_line(console: Console, result: dict, *, kept: bool) -> None:
+    """One of many files in one line."""
+    error = result["irradiance_error"]
+    console.print(
+        f"{Report(**result['report'])}; irradiance error mean {error['mean']:.2%}, max "
+        f"{error['max']:.2%}" + (" (kept)" if kept else ""),
+        markup=False, highlight=False,
+    )  # fmt: skip
+
+
 def print_result(console: Console, result: dict) -> None:
     """The coefficients as a table, the errors, and why they are what they are."""
     console.print(str(Report(**result["report"])), style="bold", markup=False)

@@ -29,7 +29,7 @@ from shjax.cli.options import (
 from shjax.cli.pictures import FRAME, compare, header, progress_display, turned
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
-from shjax.io.writing import check_folder
+from shjax.io.writing import check_folder, protecting
 from shjax.model import Model, choose_model
 
 SCHEMA = "shjax.reflect/1"
@@ -106,6 +106,7 @@ def reflect(
         raise click.UsageError("--material mesh needs a mesh; use shjax render.")
     path = env or io.shipped_panorama()
     check_folder(out)
+    click.get_current_context().with_resource(protecting(path))
     with progress_display(quiet) as progress:
         task = progress.add_task("", total=STEPS)
 
@@ -113,7 +114,7 @@ def reflect(
             progress.update(task, description=f"{path.name}: {what}", advance=1)
 
         step("reading")
-        envmap = io.read_envmap(path, layout=layout, invalid=invalid)
+        envmap = io.read_envmap(path, layout=layout, invalid=invalid, isolate=True)
         if rotate is not None:
             envmap = turned(envmap, rotate)
         if material is None:

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from shjax import io, render
 from shjax.brdf import Brdf
+from shjax.cli.many import stamp
 from shjax.cli.material import describe
 from shjax.cli.options import (
     Material,
@@ -30,7 +31,7 @@ from shjax.cli.options import (
 from shjax.cli.pictures import FRAME, as_rgb, header, progress_display
 from shjax.display import tone_map
 from shjax.ibl import PrefilteredLight, prefilter_light
-from shjax.io.writing import check_folder
+from shjax.io.writing import check_folder, protecting
 from shjax.model import Model, choose_model
 from shjax.render import Camera, GBuffer
 from shjax.render.meshes import load_mesh, trace_mesh
@@ -127,10 +128,11 @@ def render_command(
     """
     path = env or io.shipped_panorama()
     check_folder(out)
+    click.get_current_context().with_resource(protecting(path, mesh))
     if any(part.model.centre == "tangent" for part in brdf.parts):
         raise click.UsageError("a mesh has no tangents for a BRDF of fibres.")
     geometry = _placed(load_mesh(mesh), up)
-    envmap = io.read_envmap(path, layout=layout, invalid=invalid)
+    envmap = io.read_envmap(path, layout=layout, invalid=invalid, isolate=True)
     panorama = jnp.asarray(_as_latlong(envmap))
     if material is None:
         model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)
@@ -144,7 +146,7 @@ def render_command(
         "report": dataclasses.asdict(envmap.report), "frame": FRAME, "size": size,
         "up": up, "azimuth": azimuth, "elevation": elevation, "fov": fov,
         "turntable": turntable, "background": background, **about,
-        "inputs": [_stamp(mesh), _stamp(path)],
+        "inputs": [stamp(mesh), stamp(path)],
     }  # fmt: skip
     record = out / f"{mesh.stem}_render.json"
     again = _same(record, settings)
@@ -282,12 +284,6 @@ def _as_latlong(envmap) -> np.ndarray:
     if envmap.layout == "latlong" and envmap.image.shape[1] % 2 == 0:
         return np.asarray(envmap.radiance)
     return np.asarray(envmap.to_latlong(512).radiance)
-
-
-def _stamp(path: Path) -> list:
-    """Size and time of an input, so that a changed one is drawn again."""
-    found = path.stat()
-    return [found.st_size, found.st_mtime_ns]
 
 
 def _same(record: Path, settings: dict) -> bool:

@@ -99,6 +99,6 @@ def _read(path: Path, layout: str, invalid: str):
     if coefs is not None:
         drawn = shjax.synthesize(jnp.asarray(coefs), n_theta=_ROWS, n_phi=2 * _ROWS)
         return jnp.asarray(coefs), jnp.maximum(drawn, 0)
-    envmap = io.read_envmap(path, layout=layout, invalid=invalid)
+    envmap = io.read_envmap(path, layout=layout, invalid=invalid, isolate=True)
     lighting, _ = light_of(envmap, _DEGREE, None)
     return lighting, jnp.asarray(envmap.to_latlong(_ROWS).radiance)

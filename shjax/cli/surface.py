@@ -77,7 +77,7 @@ def of_normals(
     size: tuple[int, int], path: Path, frame: str, signed: bool, mask: Path | None
 ) -> Shown:
     """Normals from a picture, in a frame and a range that are named."""
-    normals = io.read_image(path).astype(float)
+    normals = io.read_image(path, isolate=True).astype(float)
     if path.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise click.UsageError(
             f"{path}: an 8-bit picture is decoded as light; give normals as EXR."
@@ -130,7 +130,7 @@ def of_mesh(size: tuple[int, int], path: Path, camera: Camera, fit_l_max: int) -
 
 def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
     """Weights from a picture's first channel."""
-    mask = io.read_image(path)[..., 0]
+    mask = io.read_image(path, isolate=True)[..., 0]
     if mask.shape != size:
         raise click.UsageError(
             f"--mask must have the picture's size {size[1]} x {size[0]}; got "

@@ -1,0 +1,1 @@
+"""What shjax and other tools do with each kind of file that an environment comes in."""

@@ -1,0 +1,83 @@
+"""Many inputs: folders, names of outputs, and what was done before."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import click
+
+from shjax.io.reading import SUFFIXES, cube_faces
+
+
+def expand(paths: list[Path]) -> list[Path]:
+    """Environment maps named one by one or by their folder, each once.
+
+    A folder that holds the six faces of a cube is one map.
+
+    Raises:
+        click.UsageError: If a folder holds none.
+    """
+    found: list[Path] = []
+    for path in paths:
+        inside = [path]
+        if path.is_dir() and cube_faces(path) is None:
+            inside = [entry for entry in sorted(path.iterdir()) if _is_map(entry)]
+            if not inside:
+                raise click.UsageError(
+                    f"{path}: holds no environment map ({', '.join(SUFFIXES)})."
+                )
+        found += inside
+    return list(dict.fromkeys(found))
+
+
+def _is_map(path: Path) -> bool:
+    if path.name.startswith("."):
+        return False
+    if path.is_dir():
+        return cube_faces(path) is not None
+    return path.suffix.lower() in SUFFIXES
+
+
+def output_names(paths: list[Path]) -> list[str]:
+    """What the outputs of each are called: its stem, with the suffix where it must.
+
+    Raises:
+        click.UsageError: If two would overwrite each other's outputs.
+    """
+    stems = [path.stem for path in paths]
+    names = [
+        path.stem if stems.count(path.stem) == 1 else path.name.replace(".", "_")
+        for path in paths
+    ]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise click.UsageError(
+            f"several ENV are named {', '.join(twice)}; their results would overwrite "
+            "each other. Run them with different --out."
+        )
+    return names
+
+
+def stamp(path: Path) -> list:
+    """Size and time of an input, so that a changed one is done again.
+
+    Raises:
+        OSError: If it is not there.
+    """
+    if path.is_dir():
+        return [stamp(entry) for entry in sorted(path.iterdir()) if entry.is_file()]
+    found = os.stat(path)
+    return [found.st_size, found.st_mtime_ns]
+
+
+def stored(record: Path, job: dict) -> dict | None:
+    """The content of a JSON file whose ``job`` is this one and whose files are there."""
+    try:
+        content = json.loads(record.read_text())
+        whole = all(Path(name).exists() for name in content["files"].values())
+    except (OSError, ValueError, KeyError, AttributeError):
+        return None
+    same = content.get("job") == json.loads(json.dumps(job))
+    return content if whole and same else None
