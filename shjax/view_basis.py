@@ -28,7 +28,7 @@ from shjax.harmonics.wigner import turn_about_y, waves
 
 
 @functools.partial(
-    jax.tree_util.register_dataclass, data_fields=(), meta_fields=("p_max",)
+    jax.tree_util.register_dataclass, data_fields=(), meta_fields=("p_max", "kind")
 )
 @dataclasses.dataclass(frozen=True)
 class HarmonicViews:
@@ -36,9 +36,12 @@ class HarmonicViews:
 
     Attributes:
         p_max: Highest degree, inclusive.
+        kind: Tells it from other bases of equal fields, which JAX's comparison of tree
+            structures does not (0.10: a jitted function could run one for the other).
     """
 
     p_max: int
+    kind: str = "harmonic"
 
     @property
     def orders(self) -> tuple[int, ...]:
@@ -83,7 +86,7 @@ class HarmonicViews:
 
 
 @functools.partial(
-    jax.tree_util.register_dataclass, data_fields=(), meta_fields=("p_max",)
+    jax.tree_util.register_dataclass, data_fields=(), meta_fields=("p_max", "kind")
 )
 @dataclasses.dataclass(frozen=True)
 class ZonalViews:
@@ -91,9 +94,11 @@ class ZonalViews:
 
     Attributes:
         p_max: Highest degree, inclusive; 0 makes a radial map.
+        kind: As of :class:`HarmonicViews`.
     """
 
     p_max: int
+    kind: str = "zonal"
 
     @property
     def orders(self) -> tuple[int, ...]:

@@ -74,6 +74,39 @@ def draw_ggx(alpha: float, n: int, normals: jax.Array, views: jax.Array) -> Draw
     return Drawn(lights, of_half / jnp.maximum(4 * jnp.abs(cosine), 1e-6))
 
 
+def draw_uniform(n: int, normals: jax.Array) -> Drawn:
+    """Independent directions over the sphere, other ones at each point."""
+    seed = jax.lax.bitcast_convert_type(normals[0, 0].astype(jnp.float32), jnp.uint32)
+    key = jax.random.fold_in(jax.random.key(0), seed)  # blocks differ
+    u = jax.random.uniform(key, (normals.shape[0], n, 2), normals.dtype)
+    z, phi = 1 - 2 * u[..., 0], 2 * np.float32(np.pi) * u[..., 1]
+    sine = jnp.sqrt(jnp.maximum(1 - z * z, 0))
+    lights = jnp.stack([sine * jnp.cos(phi), sine * jnp.sin(phi), z], axis=-1)
+    return Drawn(lights, jnp.full(u.shape[:2], 1 / (4 * np.pi), normals.dtype))
+
+
+def draw_both(
+    exponent: float, n: int, normals: jax.Array, reflected: jax.Array
+) -> Drawn:
+    """Half by the cosine about the normal, half by a Phong lobe about R.
+
+    For reflectances with no lobe of their own to draw from; each direction has the
+    density of the mixture.
+    """
+    first, second = (
+        draw_phong(1.0, n // 2, normals),
+        draw_phong(exponent, n // 2, reflected),
+    )
+    lights = jnp.concatenate([first.lights, second.lights], axis=1)
+
+    def density(axes, power):
+        cosine = jnp.maximum(jnp.einsum("pi,pki->pk", axes, lights), 0)
+        return (power + 1) / (2 * np.pi) * cosine**power
+
+    mixed = 0.5 * density(normals, 1.0) + 0.5 * density(reflected, exponent)
+    return Drawn(lights, jnp.maximum(mixed, 1e-6))
+
+
 def _local(cosine: np.ndarray, phi: np.ndarray) -> np.ndarray:
     sine = np.sqrt(np.maximum(1 - cosine**2, 0))
     return np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=-1)

@@ -84,19 +84,61 @@ def prefilter(coefs: jax.Array) -> Light:
     return Light(jnp.concatenate(texels, axis=1), coefs[:9])
 
 
-@jax.jit
-def shade(light: Light, normals, views, *, albedo, roughness, metallic, f0=0.04):
-    """Radiance ``(n, C)`` at points ``(n, 3)``; colours ``(n, C)``, the rest ``(n,)``."""
+@functools.partial(jax.jit, static_argnames=("fit", "shift"))
+def shade(
+    light: Light,
+    normals,
+    views,
+    *,
+    albedo,
+    roughness,
+    metallic,
+    f0=0.04,
+    fit: str = "table",
+    shift: bool = False,
+):
+    """Radiance ``(n, C)`` at points ``(n, 3)``; colours ``(n, C)``, the rest ``(n,)``.
+
+    Args:
+        light: From :func:`prefilter`.
+        normals: Unit normals.
+        views: Unit vectors to the viewer.
+        albedo: Base colour.
+        roughness: Square root of alpha.
+        metallic: In [0, 1].
+        f0: Of the dielectric.
+        fit: ``"table"``, or ``"analytic"``: Karis's fit for mobiles, after Lazarov.
+        shift: Whether the lookup moves towards the normal [Lagarde, de Rousiers 2014].
+    """
     metal = metallic[:, None]
     specular = (f0 * (1 - metal) + albedo * metal).T
     rough = locate(roughness**2)
     cosine = jnp.clip(jnp.sum(normals * views, axis=-1), 0, 1)
-    base, slope = _looked_up(rough.place * 4, cosine * _COSINES - 0.5)
-    places, shares = taps(rough, mirror(normals, views))
+    if fit == "table":
+        base, slope = _looked_up(rough.place * 4, cosine * _COSINES - 0.5)
+    else:
+        base, slope = _analytic(roughness, cosine)
+    towards = mirror(normals, views)
+    if shift:
+        smooth = (1 - roughness**2)[:, None]
+        share = smooth * (jnp.sqrt(smooth) + (roughness**2)[:, None])
+        towards = normals + (towards - normals) * share
+        towards = towards / jnp.linalg.norm(towards, axis=-1, keepdims=True)
+    places, shares = taps(rough, towards)
     glossy = read_maps(
         (0,), light.texels, places, shares, Weights(base[None], slope[None], specular)
     )
     return irradiance(light.coefs, normals) * albedo * (1 - metal) / np.pi + glossy.T
+
+
+def _analytic(roughness: jax.Array, cosine: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Without f0 and times f0: Karis's fit for mobiles (2014)."""
+    r0, r1, r2, r3 = (
+        roughness * c0 + c1
+        for c0, c1 in ((-1.0, 1.0), (-0.0275, 0.0425), (-0.572, 1.04), (0.022, -0.04))
+    )
+    a = jnp.minimum(r0 * r0, 2 ** (-9.28 * cosine)) * r0 + r1
+    return 1.04 * a + r3, -1.04 * a + r2
 
 
 def _looked_up(along: jax.Array, across: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -1,0 +1,134 @@
+"""Time, memory and error of one method."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from experiments.speed.methods import Method
+from experiments.speed.scenes import Scene, relative_rms
+
+ROUNDS = 3
+
+
+class Measure:
+    """Measures methods, and keeps what it compiled for them."""
+
+    def __init__(self, rounds: int = ROUNDS) -> None:
+        self.rounds = rounds
+        self._compiled: dict[tuple[str, str], tuple] = {}
+
+    def __call__(
+        self,
+        method: Method,
+        where: Scene,
+        exact: np.ndarray,
+        *,
+        weights: np.ndarray,
+        material: str = "",
+    ) -> dict:
+        """Seconds of building and of evaluating, warm; errors beside the reference.
+
+        Args:
+            method: What is measured.
+            where: The light, the normals and the views.
+            exact: The reference, ``(n, C)``.
+            weights: Of the orientations, ``(n,)``.
+            material: Its name.
+        """
+        keep = np.asarray(where.normals)[:, 2] > 0 if method.upper else slice(None)
+        normals, views = where.normals[keep], where.views[keep]
+        exact, weights = exact[keep], weights[keep]
+        rounds = 1 if method.slow else self.rounds
+        built = jax.block_until_ready(method.build())
+        found = {"build seconds": _warm(method.build, rounds)}
+        evaluate = self._evaluation(method, material, built, normals, views, found)
+        start = time.perf_counter()
+        values = jax.block_until_ready(evaluate(built, normals, views))
+        first = time.perf_counter() - start
+        found["seconds"] = first
+        if not method.slow:
+            found["seconds"] = _warm(lambda: evaluate(built, normals, views), rounds)
+        found["points"] = int(normals.shape[0])
+        found |= _errors(np.asarray(values, np.float64), exact, weights)
+        found["stored bytes"] = sum(a.nbytes for a in jax.tree.leaves(built))
+        if method.predicted is not None:
+            found["predicted"] = method.predicted(built)
+        return found
+
+    def _evaluation(self, method: Method, material: str, built, normals, views, found):
+        """The compiled evaluation; its time and memory go into ``found``."""
+        shapes = str([a.shape for a in jax.tree.leaves(built)])
+        key = (material if method.own else "", method.name + shapes)
+        if method.family == "choose_model":  # another kind of model each time
+            key = ("", "")
+            self._compiled.pop(key, None)
+        if key not in self._compiled:
+            start = time.perf_counter()
+            made = jax.jit(method.evaluate).lower(built, normals, views).compile()
+            seconds = time.perf_counter() - start
+            memory = made.memory_analysis()
+            parts = ("argument", "output", "temp")
+            total = sum(
+                int(getattr(memory, f"{part}_size_in_bytes", 0)) for part in parts
+            )
+            self._compiled[key] = made, seconds, total
+        made, found["compile seconds"], found["compiled bytes"] = self._compiled[key]
+        return made
+
+
+def _errors(values: np.ndarray, exact: np.ndarray, weights: np.ndarray) -> dict:
+    """Relative to the rms of the reference."""
+    size = np.linalg.norm(values - exact, axis=1)
+    scale = float(np.sqrt(np.average(np.sum(exact**2, axis=1), weights=weights)))
+    return {
+        "rms": relative_rms(values, exact, weights),
+        "mean": float(np.average(size, weights=weights)) / scale,
+        "max": float(np.max(size)) / scale,
+        "most negative": min(float(values.min()) / scale, 0.0),
+    }
+
+
+def _warm(function, rounds: int) -> float:
+    times = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        jax.block_until_ready(function())
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def child_memory(panorama: str, material: str, method: str, cache: Path) -> int | None:
+    """Largest resident size of a process that does nothing but one method, bytes."""
+    script = (
+        "import sys; from experiments.speed import measure; measure.only(*sys.argv[1:])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script, panorama, material, method, str(cache)],
+        capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
+    return int(run.stdout.split()[-1]) if run.returncode == 0 else None
+
+
+def only(panorama: str, material: str, name: str, cache: str) -> None:
+    """Run one method and print the largest resident size of this process."""
+    import resource
+
+    from experiments.speed import methods, scenes
+
+    where = scenes.scene(panorama)
+    if material:
+        chosen = next(m for m in scenes.materials() if m.name == material)
+        known = methods.glossy_methods(where, methods.Prepared(chosen, Path(cache)))
+    else:
+        known = methods.irradiance_methods(where)
+    method = next(m for m in known if m.name == name)
+    built = method.build()
+    jax.block_until_ready(method.evaluate(built, where.normals, where.views))
+    print(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

@@ -1,0 +1,361 @@
+"""The methods: how each prepares a light, and how it answers at normals and views."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import pickle
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import shjax
+from experiments.alternatives import importance, irradiance, split_sum, view_textures
+from experiments.speed.scenes import Material, Scene
+from shjax import ibl, io, shrm
+from shjax.sphere import latlong_pixels, mirror
+from shjax.view_basis import HarmonicViews, ZonalViews
+from shjax.windows import NAMES, apply_window
+
+DEGREES = (0, 1, 2, 4, 6, 8)
+RADIAL_DEGREES = (4, 8, 16, 32, 64, 128)
+VIEW_DEGREES = (0, 1, 2, 3, 4, 6, 8)
+SAMPLES = (16, 64, 256, 1024, 4096)
+MODEL_ERRORS = (0.3, 0.1, 0.03)
+LAYER_MAPS, LAYER_LIGHTS = (4, 9, 16, 21), (0, 1, 4)
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """One point of the plots.
+
+    Attributes:
+        name: In words.
+        family: Methods of a line in the plots.
+        build: What is done once for a light.
+        evaluate: ``(built, normals, views)`` to values ``(n, C)``.
+        ours: Whether it is shjax's.
+        upper: Whether it knows upward normals only.
+        predicted: Of what was built, the relative rms error that was predicted.
+        slow: Whether one timed run is enough.
+        own: Whether its evaluation, once compiled, is good for its material alone.
+    """
+
+    name: str
+    family: str
+    build: Callable[[], Any]
+    evaluate: Callable[..., jax.Array]
+    ours: bool = False
+    upper: bool = False
+    predicted: Callable[[Any], float] | None = None
+    slow: bool = False
+    own: bool = False
+
+
+def _at(radiance: jax.Array, directions: np.ndarray) -> jax.Array:
+    """The pixels that directions fall in."""
+    rows, columns, channels = radiance.shape
+    i, j = latlong_pixels(directions, rows, columns)
+    place = np.clip(np.round(i), 0, rows - 1) * columns + np.round(j) % columns
+    return jnp.take(
+        radiance.reshape(-1, channels), jnp.asarray(place, jnp.int32), axis=0
+    )
+
+
+def irradiance_methods(where: Scene) -> Iterator[Method]:
+    """Every way to irradiance."""
+    light = where.radiance
+
+    def coefs(l_max: int, name: str = "none"):
+        return apply_window(shjax.analyze(light, l_max=l_max), name)
+
+    def by_degree(held, normals, views):
+        return shjax.irradiance(held, normals)
+
+    for l in DEGREES:
+        build = functools.partial(coefs, l)
+        yield Method(f"degree {l}", "harmonics", build, by_degree, ours=True)
+    for name in NAMES:
+        if name != "none":
+            build = functools.partial(coefs, 2, name)
+            yield Method(f"window {name}", "windows at 2", build, by_degree, ours=True)
+    yield Method(
+        "brute force", "brute force", lambda: light,
+        lambda held, n, v: shjax.reference_irradiance(held, n), ours=True, slow=True,
+    )  # fmt: skip
+    yield Method(
+        "brute force, cube 16", "brute force", lambda: irradiance.cube_light(light),
+        lambda held, n, v: irradiance.cube_irradiance(held, n),
+    )  # fmt: skip
+    yield Method(
+        "ambient cube", "ambient cube",
+        lambda: shjax.irradiance(
+            shjax.analyze(light, l_max=8), jnp.asarray(irradiance.AXES, jnp.float32)
+        ),
+        lambda held, n, v: irradiance.ambient_cube(held, n),
+    )  # fmt: skip
+    yield Method(
+        "ambient dice", "ambient dice", lambda: irradiance.ambient_dice_fit(coefs(8)),
+        lambda held, n, v: irradiance.ambient_dice(held, n),
+    )  # fmt: skip
+    yield Method(
+        "Geomerics, degree 1", "degree 1, non-linear", lambda: coefs(1),
+        lambda held, n, v: irradiance.geomerics(held, n),
+    )  # fmt: skip
+    yield Method(
+        "ZH3", "ZH3", lambda: coefs(2), lambda held, n, v: irradiance.zh3(held, n)
+    )
+    yield Method(
+        "12 spherical Gaussians", "spherical Gaussians",
+        lambda: irradiance.gaussian_fit(_at(light, irradiance.gaussian_directions())),
+        lambda held, n, v: irradiance.gaussian_irradiance(held, n),
+    )  # fmt: skip
+    yield Method(
+        "H-basis, 6", "H-basis", lambda: irradiance.h_basis_fit(coefs(8)),
+        lambda held, n, v: irradiance.h_basis_irradiance(held, n), upper=True,
+    )  # fmt: skip
+
+
+class Prepared:
+    """What a material needs once, whatever the light: none of it is timed.
+
+    It takes half a minute, and is kept in a folder.
+    """
+
+    def __init__(self, material: Material, cache: Path) -> None:
+        self.material = material
+        name = "".join(c if c.isalnum() else "_" for c in material.name)
+        path = cache / f"material_{shjax.__version__}_{name}.pickle"
+        if not path.exists():
+            made = self._make()
+            cache.mkdir(parents=True, exist_ok=True)
+            with io.writing.replacing(path) as temporary:
+                temporary.write_bytes(pickle.dumps(jax.tree.map(np.asarray, made)))
+        held = pickle.loads(path.read_bytes())
+        self.expansion, self.energies, self.adapted = held
+        self.rho = np.asarray(self.expansion.rho, np.float32)
+        energy = np.einsum("lpqc,q->l", self.rho**2, np.where(np.arange(9) == 0, 1, 2))
+        held = np.cumsum(energy) / energy.sum()
+        enough = int(np.argmax(held >= 0.9995))
+        self.degree = next((f for f in (4, 8, 16, 32) if f >= enough), 64)
+
+    def _make(self):
+        surface = self.material.brdf
+        expansion = shjax.expand_brdf(surface, l_max=128, p_max=8, accuracy=1e-4)
+        energies = shjax.brdf_energies(surface, p_max=16)
+        counts = LAYER_MAPS if self.material.kind != "ggx" else ()
+        adapted = {n: shjax.adapt(surface, maps=n, l_max=63) for n in counts}
+        return expansion, energies, adapted
+
+
+def glossy_methods(where: Scene, prepared: Prepared) -> Iterator[Method]:
+    """Every way to the radiance of a material."""
+    yield from _maps(where, prepared)
+    yield from _models(where, prepared)
+    yield from _fitted(where, prepared)
+    yield from _others(where, prepared)
+    yield from _monte_carlo(where, prepared.material)
+
+
+def _map_method(
+    where: Scene, prepared: Prepared, basis, f: int, name: str, family: str
+):
+    rho = jnp.asarray(prepared.rho[: f + 1])
+    p = basis.p_max
+    rows, columns = shrm.default_size(f)
+
+    def build():
+        coefs = shjax.analyze(where.radiance, l_max=f, quadrature=_quadrature(f))
+        return shrm.prefilter_in(
+            basis, coefs, rho[:, : p + 1, : p + 1], n_theta=rows, n_phi=columns
+        )
+
+    def evaluate(maps, normals, views):
+        return shrm.read_in(basis, maps, mirror(normals, views), views)
+
+    def predicted(_) -> float:
+        light = shjax.analyze(where.radiance, l_max=127, quadrature="pixel")
+        error = shjax.predicted_error(
+            shjax.power_spectrum(light), prepared.expansion, l_max=f, p_max=p
+        )
+        return float(error)
+
+    return Method(name, family, build, evaluate, ours=True, predicted=predicted)
+
+
+def _quadrature(f: int) -> str:
+    return "fejer" if f <= 63 else "pixel"
+
+
+def _maps(where: Scene, prepared: Prepared) -> Iterator[Method]:
+    for f in RADIAL_DEGREES:
+        yield _map_method(
+            where, prepared, ZonalViews(0), f, f"radial map F={f}", "radial maps"
+        )
+    for p in VIEW_DEGREES[1:]:
+        name = f"SHRM F={prepared.degree} P={p}"
+        yield _map_method(
+            where, prepared, HarmonicViews(p), prepared.degree, name, "SHRM"
+        )
+
+
+def _models(where: Scene, prepared: Prepared) -> Iterator[Method]:
+    for error in MODEL_ERRORS:
+        build = functools.partial(
+            shjax.choose_model, where.envmap, prepared.material.brdf,
+            rms_error=error, energies=prepared.energies,
+        )  # fmt: skip
+        yield Method(
+            f"choose_model {error:g}", "choose_model", build,
+            jax.jit(lambda model, n, v: model.radiance(n, v)), ours=True,
+            predicted=lambda model: model.predicted_rms_error, slow=True,
+        )  # fmt: skip
+
+
+def _fitted(where: Scene, prepared: Prepared) -> Iterator[Method]:
+    material = prepared.material
+    if material.kind == "ggx":
+        values = _metallic_roughness(material, where.normals.shape[0])
+        for maps in LAYER_MAPS:
+            for lights in LAYER_LIGHTS:
+                yield Method(
+                    f"layer {maps} maps, {lights} lights",
+                    f"lighting layer, {lights} lights",
+                    functools.partial(
+                        ibl.prefilter_light, where.envmap, maps=maps, max_lights=lights
+                    ),
+                    functools.partial(_shade, values), ours=True, own=True,
+                )  # fmt: skip
+        return
+    for maps in LAYER_MAPS:
+        fit = prepared.adapted[maps]
+        kernels = jnp.asarray(fit.kernels, jnp.float32)
+        kernels = jnp.broadcast_to(kernels, (*kernels.shape[:2], 3))
+        rows, columns = shrm.default_size(63)
+
+        def build(kernels=kernels, orders=fit.views.orders, size=(rows, columns)):
+            coefs = shjax.analyze(where.radiance, l_max=63)
+            return shrm.prefilter_kernels(
+                coefs, kernels[:64], orders, n_theta=size[0], n_phi=size[1]
+            )
+
+        def evaluate(held, normals, views, basis=fit.views):
+            return shrm.read_in(basis, held, mirror(normals, views), views)
+
+        yield Method(
+            f"adapted {maps} maps", "adapted maps", build, evaluate, ours=True, own=True
+        )
+
+
+def _metallic_roughness(material: Material, n: int) -> dict[str, jax.Array]:
+    metal = float(material.f0 == 1)
+    return {
+        "albedo": jnp.full((n, 3), metal, jnp.float32),
+        "roughness": jnp.full(n, np.sqrt(material.parameter), jnp.float32),
+        "metallic": jnp.full(n, metal, jnp.float32),
+    }
+
+
+def _shade(values, light, normals, views):
+    return ibl.shade(light, normals, views, **values)
+
+
+def _others(where: Scene, prepared: Prepared) -> Iterator[Method]:
+    material = prepared.material
+    if material.kind == "ggx":
+        values = _metallic_roughness(material, where.normals.shape[0])
+
+        def build():
+            light = where.radiance
+            return split_sum.prefilter(
+                shjax.analyze(light, l_max=128, quadrature="pixel")
+            )
+
+        for fit in ("table", "analytic"):
+            for shift in (False, True):
+                name = f"split-sum, {fit}{', shifted' if shift else ''}"
+
+                def evaluate(light, n, v, fit=fit, shift=shift):
+                    return split_sum.shade(light, n, v, **values, fit=fit, shift=shift)
+
+                yield Method(name, "split-sum", build, evaluate, own=True)
+    f, p = prepared.degree, 8
+    rows, columns = shrm.default_size(f)
+    rho = jnp.asarray(prepared.rho[: f + 1])
+
+    def light():
+        return shjax.analyze(where.radiance, l_max=f, quadrature=_quadrature(f))
+
+    def elevations():
+        maps = shrm.prefilter_in(
+            HarmonicViews(p), light(), rho, n_theta=rows, n_phi=columns
+        )
+        return view_textures.elevation_maps(maps)
+
+    def twelve():
+        maps = shrm.prefilter_in(
+            HarmonicViews(p), light(), rho, n_theta=rows, n_phi=columns, frame="global"
+        )
+        return view_textures.cabral_maps(maps)
+
+    yield Method(
+        "Kautz-McCool, 16 elevations",
+        "Kautz-McCool",
+        elevations,
+        view_textures.kautz_mccool,
+        slow=True,
+    )
+    yield Method("Cabral's 12 maps", "Cabral", twelve, view_textures.cabral, slow=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class Draw:
+    """A way to draw directions, static for jit."""
+
+    how: str
+    parameter: float
+    samples: int
+
+    def __call__(self, normals: jax.Array, views: jax.Array) -> importance.Drawn:
+        """Directions and densities at points."""
+        n = self.samples
+        if self.how == "uniform":
+            return importance.draw_uniform(n, normals)
+        if self.how == "phong":
+            return importance.draw_phong(self.parameter, n, mirror(normals, views))
+        if self.how == "microfacet":
+            return importance.draw_microfacet(self.parameter, n, normals, views)
+        if self.how == "ggx":
+            return importance.draw_ggx(self.parameter, n, normals, views)
+        return importance.draw_both(self.parameter, n, normals, mirror(normals, views))
+
+
+def _monte_carlo(where: Scene, material: Material) -> Iterator[Method]:
+    def pyramid():
+        return importance.pyramid(where.radiance)
+
+    for name, how, filtered in (
+        ("uniform", "uniform", False),
+        ("importance", material.kind, False),
+        ("filtered importance", material.kind, True),
+    ):
+        for n in SAMPLES:
+            draw = Draw(how, float(material.parameter), n)
+
+            def evaluate(levels, normals, views, draw=draw, filtered=filtered):
+                return importance.reflect(
+                    levels, material.brdf, normals, views, draw=draw, filtered=filtered
+                )
+
+            yield Method(
+                f"{name} sampling, {n}",
+                f"{name} sampling",
+                pyramid,
+                evaluate,
+                slow=n > 256,
+                own=True,
+            )
