@@ -274,14 +274,18 @@ def test_cap_coefficients_and_shading_are_the_integral(rng):
 def test_the_split_helps_where_there_is_a_sun():
     envmap, _ = sun_panorama(128)
     model = brdf.gaussian_microfacet(0.2)
-    chosen = choose_model(envmap, model, rms_error=0.1)
+    # At 0.1 a map of moderate size is read sooner than a light is shaded.
+    read = choose_model(envmap, model, rms_error=0.1)
+    assert read.lights is None
+    assert read.bytes < 2**20
+    chosen = choose_model(envmap, model, rms_error=0.03)
     assert chosen.lights is not None
     assert "shaded exactly" in chosen.message
-    whole = choose_model(shjax.model.light_coefs(envmap), model, rms_error=0.1)
+    whole = choose_model(shjax.model.light_coefs(envmap), model, rms_error=0.03)
     assert whole.lights is None
     assert chosen.bytes < whole.bytes / 10
     found = chosen.check(envmap)
-    assert found.rms < 0.102 + 3 * found.standard_error
+    assert found.rms < 0.032 + 3 * found.standard_error
 
 
 def test_a_model_is_a_pytree_and_differentiable(rng, dtype):

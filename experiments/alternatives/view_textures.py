@@ -56,7 +56,7 @@ def cabral(maps: jax.Array, normals: jax.Array, views: jax.Array) -> jax.Array:
         jnp.take_along_axis(shares, face[:, None, None], axis=1)[:, 0], 0
     )
     share = share / jnp.sum(share, axis=-1, keepdims=True)
-    chosen = jnp.asarray(corners)[face]
+    chosen = jnp.asarray(corners, jnp.int32)[face]
     return _read(maps, chosen, share, mirror(normals, views))
 
 
@@ -89,13 +89,12 @@ def _read(maps, chosen, shares, towards) -> jax.Array:
     top, left = jnp.floor(row).astype(jnp.int32), jnp.floor(column).astype(jnp.int32)
     flat = maps.reshape(-1, channels)
     total = jnp.zeros((towards.shape[0], channels), maps.dtype)
+    rise, run = row - top.astype(row.dtype), column - left.astype(row.dtype)
     for down in (0, 1):
         r = jnp.minimum(top + down, rows - 1)
         for right in (0, 1):
             c = jnp.mod(left + right, columns)
-            part = jnp.abs(1 - down - (row - top)) * jnp.abs(
-                1 - right - (column - left)
-            )
+            part = jnp.abs(1 - down - rise) * jnp.abs(1 - right - run)
             place = (chosen * rows + r[:, None]) * columns + c[:, None]
             read = jnp.sum(flat[place] * shares[..., None], axis=1)
             total = total + read * part[:, None]

@@ -134,7 +134,7 @@ class Prepared:
             made = self._make()
             cache.mkdir(parents=True, exist_ok=True)
             with io.writing.replacing(path) as temporary:
-                temporary.write_bytes(pickle.dumps(jax.tree.map(np.asarray, made)))
+                temporary.write_bytes(pickle.dumps(made))
         held = pickle.loads(path.read_bytes())
         self.expansion, self.energies, self.adapted = held
         self.rho = np.asarray(self.expansion.rho, np.float32)
@@ -169,7 +169,7 @@ def _map_method(
     rows, columns = shrm.default_size(f)
 
     def build():
-        coefs = shjax.analyze(where.radiance, l_max=f, quadrature=_quadrature(f))
+        coefs = _coefs(where, f)
         return shrm.prefilter_in(
             basis, coefs, rho[:, : p + 1, : p + 1], n_theta=rows, n_phi=columns
         )
@@ -187,8 +187,11 @@ def _map_method(
     return Method(name, family, build, evaluate, ours=True, predicted=predicted)
 
 
-def _quadrature(f: int) -> str:
-    return "fejer" if f <= 63 else "pixel"
+def _coefs(where: Scene, f: int) -> jax.Array:
+    """Coefficients to a degree, by the quadrature that the rows allow."""
+    exact = 2 * f + 1 <= where.radiance.shape[0]
+    quadrature = "fejer" if exact else "pixel"
+    return shjax.analyze(where.radiance, l_max=f, quadrature=quadrature)
 
 
 def _maps(where: Scene, prepared: Prepared) -> Iterator[Method]:
@@ -238,7 +241,7 @@ def _fitted(where: Scene, prepared: Prepared) -> Iterator[Method]:
         rows, columns = shrm.default_size(63)
 
         def build(kernels=kernels, orders=fit.views.orders, size=(rows, columns)):
-            coefs = shjax.analyze(where.radiance, l_max=63)
+            coefs = _coefs(where, 63)
             return shrm.prefilter_kernels(
                 coefs, kernels[:64], orders, n_theta=size[0], n_phi=size[1]
             )
@@ -288,7 +291,7 @@ def _others(where: Scene, prepared: Prepared) -> Iterator[Method]:
     rho = jnp.asarray(prepared.rho[: f + 1])
 
     def light():
-        return shjax.analyze(where.radiance, l_max=f, quadrature=_quadrature(f))
+        return _coefs(where, f)
 
     def elevations():
         maps = shrm.prefilter_in(

@@ -1,0 +1,105 @@
+"""The report in a quick mode: what is known of its numbers, and that it goes on."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments import speed_vs_error
+from experiments.speed import methods, report, scenes
+
+SOME = ("radial map F=16", "radial map F=32", "SHRM", "uniform sampling, 16", "choose_model 0.1", "Cabral", "Kautz")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """One panorama, one material, few methods; the report written."""
+    out = tmp_path_factory.mktemp("report")
+    patch = pytest.MonkeyPatch()
+    whole = methods.glossy_methods
+    patch.setattr(
+        methods, "glossy_methods",
+        lambda *a: (m for m in whole(*a) if m.name.startswith(SOME)),
+    )  # fmt: skip
+    patch.setattr(methods, "VIEW_DEGREES", (0, 1, 2))
+    told = []
+    options = {
+        "panoramas": ("city",), "materials": ("microfacet 0.3",), "rows": 64,
+        "pairs": 512, "rounds": 1, "memory": False, "full_size": False,
+    }  # fmt: skip
+    result = speed_vs_error.run(out, **options, progress=told.append)
+    report.write(out, result)
+    again = speed_vs_error.run(out, **options, progress=told.append)
+    patch.undo()
+    return out, result, again, told
+
+
+def test_irradiance_errors_are_those_of_the_mathematics(quick):
+    # Nine coefficients on city: .97 % in the mean and 2.8 % at most of the total radiance.
+    _, result, _, _ = quick
+    rows = result["irradiance"]["city"]["methods"]
+    assert rows["degree 0"]["rms"] > rows["degree 1"]["rms"] > rows["degree 2"]["rms"]
+    assert rows["degree 2"]["rms"] > rows["degree 4"]["rms"] > rows["degree 8"]["rms"]
+    where = scenes.scene("city", rows=64, pairs=64)
+    from shjax import irradiance_error
+
+    radiance, directions, weights = where.envmap.samples()
+    found = irradiance_error(
+        where.envmap.lighting(l_max=2), *(np.asarray(a, np.float32) for a in (radiance, directions, weights))
+    )  # fmt: skip
+    assert float(found["mean"]) == pytest.approx(0.0097, abs=2e-4)
+    assert float(found["max"]) == pytest.approx(0.028, abs=2.5e-3)
+    assert rows["brute force"]["rms"] < 1e-6
+
+
+def test_predicted_is_measured(quick):
+    _, result, _, _ = quick
+    entry = result["glossy"]["city"]["microfacet 0.3"]
+    for name, row in entry["methods"].items():
+        if row["family"] in ("SHRM", "radial maps", "choose_model"):
+            assert row["rms"] == pytest.approx(row["predicted"], rel=0.15), name
+
+
+def test_every_method_has_all_numbers(quick):
+    _, result, _, _ = quick
+    for _, _, entry in report.entries(result):
+        assert entry["reference's own error"] < 0.01
+        for name, row in entry["methods"].items():
+            for key in ("build seconds", "seconds", "rms", "mean", "max", "compile seconds", "compiled bytes", "stored bytes"):  # fmt: skip
+                assert np.isfinite(row[key]), (name, key)
+            assert row["mean"] <= row["rms"] * 1.0001 <= row["max"] * 2, name
+            assert row["most negative"] <= 0
+
+
+def test_it_goes_on_where_it_stopped(quick):
+    out, _, again, told = quick
+    assert again == json.loads((out / "results.json").read_text())
+    assert len(told) == 2  # nothing was measured twice
+
+
+def test_the_report_is_readable(quick):
+    out, _, _, _ = quick
+    text = (out / "report.md").read_text()
+    for words in (
+        "# Speed against error",
+        "own error of the reference",
+        "choose_model",
+        "| city |",
+    ):
+        assert words in text
+    page = (out / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert 'src="http' not in page
+    assert (out / "microfacet_0_3.png").stat().st_size > 5000
+
+
+def test_fronts_and_the_cheapest():
+    rows = {
+        "a": {"seconds": 1, "rms": 0.1, "build seconds": 9},
+        "b": {"seconds": 2, "rms": 0.2, "build seconds": 0},
+        "c": {"seconds": 3, "rms": 0.05, "build seconds": 0},
+    }
+    assert report.front(rows) == ["a", "c"]
+    assert report.cheapest(rows, 0.1) == "a"
+    assert report.cheapest(rows, 0.1, whole=True) == "c"
+    assert report.cheapest(rows, 0.01) is None
