@@ -16,7 +16,8 @@ import numpy as np
 import shjax
 from experiments.alternatives import importance, irradiance, split_sum, view_textures
 from experiments.speed.scenes import Material, Scene
-from shjax import ibl, io, shrm
+from shjax import ibl, shrm
+from shjax.io.writing import replacing
 from shjax.sphere import latlong_pixels, mirror
 from shjax.view_basis import HarmonicViews, ZonalViews
 from shjax.windows import NAMES, apply_window
@@ -133,7 +134,7 @@ class Prepared:
         if not path.exists():
             made = self._make()
             cache.mkdir(parents=True, exist_ok=True)
-            with io.writing.replacing(path) as temporary:
+            with replacing(path) as temporary:
                 temporary.write_bytes(pickle.dumps(made))
         held = pickle.loads(path.read_bytes())
         self.expansion, self.energies, self.adapted = held

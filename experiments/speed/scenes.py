@@ -14,6 +14,7 @@ import numpy as np
 import shjax
 from experiments.data import data_folder
 from shjax import brdf, io
+from shjax.io.writing import replacing
 from shjax.sampling import Samples, draw_orientations
 
 ROWS, PAIRS, SEED = 128, 2048, 1
@@ -195,6 +196,6 @@ def _cached(folder: Path, key: tuple, compute) -> tuple[np.ndarray, float]:
             return held["exact"], float(held["own"])
     exact, own = compute()
     folder.mkdir(parents=True, exist_ok=True)
-    with io.writing.replacing(path) as temporary:
+    with replacing(path) as temporary:
         np.savez(temporary, exact=exact, own=own)
     return exact, own
