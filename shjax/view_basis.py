@@ -148,8 +148,11 @@ class AdaptedViews:
     def values(self, views: jax.Array) -> jax.Array:
         """The functions at unit vectors ``(..., 3)``: ``(..., Q)``."""
         x, y, z = views[..., 0], views[..., 1], views[..., 2]
-        squared = jnp.clip((1 + z) / 2, 1e-12, 1)  # (n.v)^2
-        cosine = jnp.sqrt(squared)
+        # n.v = cos(theta_o/2); towards grazing from sin(theta_o), since 1 + z cancels.
+        across = jnp.sqrt(jnp.maximum(x * x + y * y, 1e-24))
+        sine = jnp.sqrt(jnp.clip((1 - z) / 2, 0.25, 1))
+        facing = jnp.sqrt(jnp.clip((1 + z) / 2, 0.25, 1))
+        cosine = jnp.where(z < 0, across / (2 * sine), facing)
         place = jnp.sqrt(cosine) * (_LINES - 1)
         line = jnp.clip(jnp.floor(place), 0, _LINES - 2).astype(jnp.int32)
         share = place - line.astype(place.dtype)

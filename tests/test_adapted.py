@@ -73,3 +73,28 @@ def test_what_is_refused():
     mixed = brdf.kajiya_kay(3.0) + brdf.lambertian(0.2)
     with pytest.raises(ValueError, match="must not mix parts about the tangent"):
         shjax.adapt(mixed)
+
+
+def test_functions_of_the_view_stay_bounded_at_grazing(rng):
+    # In float32 1 + z vanishes where the normal still has a direction; the q-th power of
+    # what that was divided by reached 1e8 at n.v = 1e-4.
+    from shjax.view_basis import AdaptedViews, view_lines
+
+    orders = (0, 1, -1, 3, -3, 4, -4)
+    table = np.ones((len(orders), len(view_lines())))
+    angle = np.pi - 10 ** rng.uniform(-7, -1, 200)
+    phi = rng.uniform(0, 2 * np.pi, 200)
+    views = np.stack(
+        [np.sin(angle) * np.cos(phi), np.sin(angle) * np.sin(phi), np.cos(angle)],
+        axis=-1,
+    )
+    found = AdaptedViews(
+        jnp.asarray(table, jnp.float32), tuple(range(len(orders))), orders
+    ).values(jnp.asarray(views, jnp.float32))
+    assert np.max(np.abs(np.asarray(found))) <= np.sqrt(2) * 1.001
+    rise = np.sin(angle / 2)
+    exact = np.stack([
+        np.ones(200) if q == 0 else np.sqrt(2) * rise ** abs(q) * (np.cos(q * phi) if q > 0 else np.sin(-q * phi))
+        for q in orders
+    ], axis=-1)  # fmt: skip
+    np.testing.assert_allclose(found, exact, atol=2e-5)
