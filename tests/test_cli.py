@@ -332,7 +332,7 @@ def test_reflect_tells_the_lights_that_are_in_no_map(tmp_path):
     image[20, 40] = [4000.0, 2000.0, 1000.0]
     io.write_image(tmp_path / "sun.exr", image)
     finished = shell(
-        "reflect", "sun.exr", "--brdf", "phong exponent=40", "--size", "16", "--out", "out", "--json",
+        "reflect", "sun.exr", "--brdf", "ggx alpha=0.2 f0=0.04", "--rms-error", "0.05", "--size", "16", "--out", "out", "--json",
         cwd=tmp_path,
     )  # fmt: skip
     assert finished.returncode == 0, finished.stderr
