@@ -11,6 +11,7 @@ import shjax
 from shjax import io
 from shjax.io.colour import decode_srgb, encode_srgb
 from shjax.io.writing import replacing
+from tests.variants import new_runs, old_runs
 
 
 def radiance_file(path, rgbe, *, header=b"FORMAT=32-bit_rle_rgbe\n", encode=None):
@@ -22,33 +23,6 @@ def radiance_file(path, rgbe, *, header=b"FORMAT=32-bit_rle_rgbe\n", encode=None
     return path
 
 
-def run_lengths(row):
-    """One scanline in the new run-length encoding."""
-    out = bytes([2, 2, len(row) // 256, len(row) % 256])
-    for plane in row.T:
-        at = 0
-        while at < len(plane):
-            run = 1
-            while at + run < len(plane) and run < 127 and plane[at + run] == plane[at]:
-                run += 1
-            out += bytes([128 + run, plane[at]]) if run > 2 else bytes([1, plane[at]])
-            at += run if run > 2 else 1
-    return out
-
-
-def old_runs(row):
-    """One scanline in the old encoding: repeats as (1, 1, 1, count)."""
-    out, at = b"", 0
-    while at < len(row):
-        run = 1
-        while at + run < len(row) and run < 200 and np.all(row[at + run] == row[at]):
-            run += 1
-        out += row[at].tobytes()
-        out += bytes([1, 1, 1, run - 1]) if run > 1 else b""
-        at += run
-    return out
-
-
 def test_radiance_decodes_the_half_step(tmp_path):
     rgbe = np.array([[[128, 64, 0, 129], [0, 0, 0, 0], [255, 1, 2, 136]]], np.uint8)
     image = io.read_image(radiance_file(tmp_path / "a.hdr", rgbe))
@@ -56,7 +30,7 @@ def test_radiance_decodes_the_half_step(tmp_path):
     np.testing.assert_array_equal(image, np.float32(expected))
 
 
-@pytest.mark.parametrize("encode", [None, run_lengths, old_runs])
+@pytest.mark.parametrize("encode", [None, new_runs, old_runs])
 @pytest.mark.parametrize("width", [8, 300])
 def test_radiance_encodings_are_one_picture(tmp_path, rng, encode, width):
     rgbe = rng.integers(2, 250, (5, width, 4), dtype=np.uint8)
