@@ -54,7 +54,7 @@ def run(
         pairs: Orientations and views.
         rounds: Timed runs of each method.
         full_size: Whether to measure under the whole panorama, too.
-        memory: Whether to start a process a family for its memory.
+        memory: Whether to start a process a method for its memory.
         progress: Called with a line of text.
     """
     from experiments.speed import measure, methods, scenes
@@ -84,9 +84,8 @@ def run(
         return {"reference's own error": own, "methods": rows_}
 
     chosen = [m for m in scenes.materials() if materials is None or m.name in materials]
-    prepared: dict[str, methods.Prepared] = {}
-    for panorama in panoramas:
-        where = scenes.scene(panorama, rows=rows, pairs=pairs)
+    places = {name: scenes.scene(name, rows=rows, pairs=pairs) for name in panoramas}
+    for panorama, where in places.items():
         if panorama not in result["irradiance"]:
             start = time.perf_counter()
             exact, own = scenes.irradiance_reference(where, cache)
@@ -95,22 +94,27 @@ def run(
             result["irradiance"][panorama] = all_of(known, where, exact, own, ones)
             keep()
             progress(f"{panorama}, irradiance: {time.perf_counter() - start:.0f} s")
-        for material in chosen:
-            entry = result["glossy"].setdefault(panorama, {})
-            if material.name in entry:
-                continue
+    for material in chosen:
+        missing = [
+            panorama
+            for panorama in panoramas
+            if material.name not in result["glossy"].setdefault(panorama, {})
+        ]
+        prepared = methods.Prepared(material, cache) if missing else None
+        for panorama in missing:
+            where = places[panorama]
             start = time.perf_counter()
             exact, own = scenes.glossy_reference(where, material, cache)
-            if material.name not in prepared:
-                prepared[material.name] = methods.Prepared(material, cache)
-            known = methods.glossy_methods(where, prepared[material.name])
+            known = methods.glossy_methods(where, prepared)
             weights = where.samples.weights
-            entry[material.name] = all_of(
+            result["glossy"][panorama][material.name] = all_of(
                 known, where, exact, own, weights, material.name
             )
             keep()
             seconds = time.perf_counter() - start
             progress(f"{panorama}, {material.name}: {seconds:.0f} s")
+        if missing:
+            measuring.forget(material.name)
     if full_size and "full size" not in result:
         result["full size"] = _full_size(cache, pairs)
         keep()
@@ -146,7 +150,7 @@ def _full_size(cache: Path, pairs: int) -> dict:
 
 
 def _memory(result, panorama: str, materials, cache: Path, keep, progress) -> None:
-    """A process for the costliest method of each family, under one light."""
+    """A process for each method, under one light and with one material."""
     from experiments.speed import measure
 
     shown = next((m.name for m in materials if m.name.startswith("GGX")), None)
@@ -154,8 +158,7 @@ def _memory(result, panorama: str, materials, cache: Path, keep, progress) -> No
     if shown is not None:
         groups.append((shown, result["glossy"][panorama][shown]["methods"]))
     for material, known in groups:
-        last = {row["family"]: name for name, row in known.items()}
-        for name in last.values():
+        for name in known:
             if name not in result["memory"]:
                 found = measure.child_memory(panorama, material, name, cache)
                 result["memory"][name] = found

@@ -62,6 +62,11 @@ class Measure:
             found["predicted"] = method.predicted(built)
         return found
 
+    def forget(self, material: str) -> None:
+        """Drop what was compiled for a material: a process may map only so much code."""
+        self._compiled = {k: v for k, v in self._compiled.items() if k[0] != material}
+        jax.clear_caches()
+
     def _evaluation(self, method: Method, material: str, built, normals, views, found):
         """The compiled evaluation; its time and memory go into ``found``."""
         shapes = str([a.shape for a in jax.tree.leaves(built)])

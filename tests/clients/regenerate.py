@@ -20,7 +20,11 @@ import verify
 HERE = Path(__file__).resolve().parent
 DATA = HERE.parent / "data" / "clients"
 TOOLS = ("three", "babylon", "cmgen", "mitsuba")
+# Relative to the largest number of a field. cmgen reads the nearest pixel: the last bit of
+# a cosine, which is not the same on every processor, reads the next one, and the numbers
+# move by 3e-6.
 LARGEST_MOVE = 1e-6
+LARGEST_MOVES = {"Filament cmgen": 3e-5}
 
 
 class Skipped(Exception):
@@ -113,17 +117,18 @@ def numbers(value: object) -> Iterator[float]:
 
 
 def moved(new: dict, old: dict) -> list[str]:
-    """The keys in which a number moved relative to itself, and by how much."""
+    """The keys in which a number moved by more than its tool allows, and by how much."""
     if new.keys() != old.keys():
         return [f"keys {sorted(new.keys() ^ old.keys())}"]
+    largest = LARGEST_MOVES.get(old["tool"], LARGEST_MOVE)
     found = []
     for key in new:
         a, b = (np.array([*numbers(record[key])]) for record in (new, old))
         if a.shape != b.shape:
             found.append(f"{key} has another shape")
-        elif (change := np.abs(a - b) > LARGEST_MOVE * np.abs(b)).any():
-            largest = np.abs(a - b)[change].max()
-            found.append(f"{key}: {change.sum()} numbers, by up to {largest:.1e}")
+        elif (change := np.abs(a - b) > largest * np.abs(b).max(initial=0)).any():
+            worst = np.abs(a - b).max()
+            found.append(f"{key}: {change.sum()} numbers, by up to {worst:.1e}")
     return found
 
 
