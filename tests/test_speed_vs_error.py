@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments import speed_vs_error
-from experiments.speed import methods, report, scenes
+from experiments.speed import methods, report, results, scenes
 
 SOME = ("radial map F=16", "radial map F=32", "SHRM", "uniform sampling, 16", "choose_model 0.1", "Cabral", "Kautz")  # fmt: skip
 
@@ -62,7 +62,7 @@ def test_predicted_is_measured(quick):
 
 def test_every_method_has_all_numbers(quick):
     _, result, _, _ = quick
-    for _, _, entry in report.entries(result):
+    for _, _, entry in results.entries(result):
         assert entry["reference's own error"] < 0.01
         for name, row in entry["methods"].items():
             for key in ("build seconds", "seconds", "rms", "mean", "max", "compile seconds", "compiled bytes", "stored bytes"):  # fmt: skip
@@ -99,7 +99,7 @@ def test_fronts_and_the_cheapest():
         "b": {"seconds": 2, "rms": 0.2, "build seconds": 0},
         "c": {"seconds": 3, "rms": 0.05, "build seconds": 0},
     }
-    assert report.front(rows) == ["a", "c"]
-    assert report.cheapest(rows, 0.1) == "a"
-    assert report.cheapest(rows, 0.1, whole=True) == "c"
-    assert report.cheapest(rows, 0.01) is None
+    assert results.front(rows) == ["a", "c"]
+    assert results.cheapest(rows, 0.1) == "a"
+    assert results.cheapest(rows, 0.1, whole=True) == "c"
+    assert results.cheapest(rows, 0.01) is None
