@@ -13,13 +13,18 @@ plots. An interrupted run goes on where it stopped; references are kept in its c
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from experiments.speed import methods
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -36,10 +41,11 @@ def run(
     out: Path,
     *,
     panoramas: tuple[str, ...],
-    materials: tuple[str, ...] | None,
+    materials: tuple[str, ...] | None = None,
     rows: int = 128,
     pairs: int = 2048,
     rounds: int = 3,
+    steps: methods.Steps | None = None,
     memory: bool = True,
     full_size: bool = True,
     progress=lambda text: None,
@@ -53,6 +59,7 @@ def run(
         rows: Of the panoramas.
         pairs: Orientations and views.
         rounds: Timed runs of each method.
+        steps: Of each family of methods; None for all.
         full_size: Whether to measure under the whole panorama, too.
         memory: Whether to start a process a method for its memory.
         progress: Called with a line of text.
@@ -62,9 +69,10 @@ def run(
     from shjax import io
 
     file, cache = out / "results.json", out / "cache"
+    steps = steps or methods.ALL
     about = {
         "rows": rows, "pairs": pairs, "rounds": rounds, "seed": scenes.SEED,
-        "versions": versions(),
+        "steps": dataclasses.asdict(steps), "versions": versions(),
     }  # fmt: skip
     result = {"about": about, "irradiance": {}, "glossy": {}, "memory": {}}
     if file.exists():
@@ -100,7 +108,9 @@ def run(
             for panorama in panoramas
             if material.name not in result["glossy"].setdefault(panorama, {})
         ]
-        prepared = methods.Prepared(material, cache) if missing else None
+        if not missing:
+            continue
+        prepared = methods.Prepared(material, cache, steps)
         for panorama in missing:
             where = places[panorama]
             start = time.perf_counter()
@@ -113,8 +123,7 @@ def run(
             keep()
             seconds = time.perf_counter() - start
             progress(f"{panorama}, {material.name}: {seconds:.0f} s")
-        if missing:
-            measuring.forget(material.name)
+        measuring.forget(material.name)
     if full_size and "full size" not in result:
         result["full size"] = _full_size(cache, pairs)
         keep()
@@ -168,7 +177,9 @@ def _memory(result, panorama: str, materials, cache: Path, keep, progress) -> No
 
 @click.command()
 @click.option("--out", required=True, type=click.Path(path_type=Path))
-@click.option("--quick", is_flag=True, help="One panorama, four materials.")
+@click.option(
+    "--quick", is_flag=True, help="One panorama, four materials, some of the methods."
+)
 @click.option("--plots/--no-plots", default=True)
 def main(out: Path, quick: bool, plots: bool) -> None:
     """Measure, and write the report."""
@@ -176,7 +187,7 @@ def main(out: Path, quick: bool, plots: bool) -> None:
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from experiments.data import data_folder
-    from experiments.speed import report, scenes
+    from experiments.speed import methods, report, scenes
 
     out.mkdir(parents=True, exist_ok=True)
     full = not quick
@@ -193,11 +204,11 @@ def main(out: Path, quick: bool, plots: bool) -> None:
             bar.console.print(text, markup=False, highlight=False)
             bar.update(task, description=text)
 
-        result = run(
-            out, panoramas=panoramas,
-            materials=None if full else scenes.QUICK_MATERIALS,
-            memory=full, full_size=full, progress=progress,
-        )  # fmt: skip
+        options = {} if full else {
+            "materials": scenes.QUICK_MATERIALS, "pairs": 512, "rounds": 1,
+            "steps": methods.FEW, "memory": False, "full_size": False,
+        }  # fmt: skip
+        result = run(out, panoramas=panoramas, progress=progress, **options)
         bar.update(task, description="writing the report")
         report.write(out, result, plots=plots)
     print(f"{out / 'report.html'}")

@@ -8,29 +8,23 @@ import pytest
 from experiments import speed_vs_error
 from experiments.speed import methods, report, results, scenes
 
-SOME = ("radial map F=16", "radial map F=32", "SHRM", "uniform sampling, 16", "choose_model 0.1", "Cabral", "Kautz")  # fmt: skip
+FEWEST = methods.Steps(
+    radial=(16, 32), views=(1, 2), errors=(0.1,), maps=(), samples=(16,), l_max=64
+)
 
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     """One panorama, one material, few methods; the report written."""
     out = tmp_path_factory.mktemp("report")
-    patch = pytest.MonkeyPatch()
-    whole = methods.glossy_methods
-    patch.setattr(
-        methods, "glossy_methods",
-        lambda *a: (m for m in whole(*a) if m.name.startswith(SOME)),
-    )  # fmt: skip
-    patch.setattr(methods, "VIEW_DEGREES", (0, 1, 2))
     told = []
     options = {
         "panoramas": ("city",), "materials": ("microfacet 0.3",), "rows": 64,
-        "pairs": 512, "rounds": 1, "memory": False, "full_size": False,
+        "pairs": 512, "rounds": 1, "steps": FEWEST, "memory": False, "full_size": False,
     }  # fmt: skip
     result = speed_vs_error.run(out, **options, progress=told.append)
     report.write(out, result)
     again = speed_vs_error.run(out, **options, progress=told.append)
-    patch.undo()
     return out, result, again, told
 
 

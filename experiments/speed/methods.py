@@ -23,11 +23,36 @@ from shjax.view_basis import HarmonicViews, ZonalViews
 from shjax.windows import NAMES, apply_window
 
 DEGREES = (0, 1, 2, 4, 6, 8)
-RADIAL_DEGREES = (4, 8, 16, 32, 64, 128)
-VIEW_DEGREES = (0, 1, 2, 3, 4, 6, 8)
-SAMPLES = (16, 64, 256, 1024, 4096)
-MODEL_ERRORS = (0.3, 0.1, 0.03)
-LAYER_MAPS, LAYER_LIGHTS = (4, 9, 16, 21), (0, 1, 4)
+
+
+@dataclasses.dataclass(frozen=True)
+class Steps:
+    """How many steps of each family of methods are measured.
+
+    Attributes:
+        radial: Degrees of radial maps.
+        views: Degrees P of the SHRM.
+        errors: What ``choose_model`` is asked for.
+        maps: Of the lighting layer and of adapted view bases.
+        lights: Split by the lighting layer.
+        samples: Of Monte Carlo.
+        l_max: To which a BRDF is expanded.
+    """
+
+    radial: tuple[int, ...] = (4, 8, 16, 32, 64, 128)
+    views: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
+    errors: tuple[float, ...] = (0.3, 0.1, 0.03)
+    maps: tuple[int, ...] = (4, 9, 16, 21)
+    lights: tuple[int, ...] = (0, 1, 4)
+    samples: tuple[int, ...] = (16, 64, 256, 1024, 4096)
+    l_max: int = 128
+
+
+ALL = Steps()
+FEW = Steps(
+    radial=(8, 16, 32), views=(2, 4), errors=(0.1,), maps=(9,), lights=(0, 4),
+    samples=(16, 256), l_max=64,
+)  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,9 +152,10 @@ class Prepared:
     It takes half a minute, and is kept in a folder.
     """
 
-    def __init__(self, material: Material, cache: Path) -> None:
-        self.material = material
-        name = "".join(c if c.isalnum() else "_" for c in material.name)
+    def __init__(self, material: Material, cache: Path, steps: Steps = ALL) -> None:
+        self.material, self.steps = material, steps
+        words = f"{material.name} {steps.l_max} {len(steps.maps)}"
+        name = "".join(c if c.isalnum() else "_" for c in words)
         path = cache / f"material_{shjax.__version__}_{name}.pickle"
         if not path.exists():
             made = self._make()
@@ -145,10 +171,10 @@ class Prepared:
         self.degree = next((f for f in (4, 8, 16, 32) if f >= enough), 64)
 
     def _make(self):
-        surface = self.material.brdf
-        expansion = shjax.expand_brdf(surface, l_max=128, p_max=8, accuracy=1e-4)
+        surface, l_max = self.material.brdf, self.steps.l_max
+        expansion = shjax.expand_brdf(surface, l_max=l_max, p_max=8, accuracy=1e-4)
         energies = shjax.brdf_energies(surface, p_max=16)
-        counts = LAYER_MAPS if self.material.kind != "ggx" else ()
+        counts = self.steps.maps if self.material.kind != "ggx" else ()
         adapted = {n: shjax.adapt(surface, maps=n, l_max=63) for n in counts}
         return expansion, energies, adapted
 
@@ -159,7 +185,7 @@ def glossy_methods(where: Scene, prepared: Prepared) -> Iterator[Method]:
     yield from _models(where, prepared)
     yield from _fitted(where, prepared)
     yield from _others(where, prepared)
-    yield from _monte_carlo(where, prepared.material)
+    yield from _monte_carlo(where, prepared)
 
 
 def _map_method(
@@ -196,11 +222,11 @@ def _coefs(where: Scene, f: int) -> jax.Array:
 
 
 def _maps(where: Scene, prepared: Prepared) -> Iterator[Method]:
-    for f in RADIAL_DEGREES:
+    for f in prepared.steps.radial:
         yield _map_method(
             where, prepared, ZonalViews(0), f, f"radial map F={f}", "radial maps"
         )
-    for p in VIEW_DEGREES[1:]:
+    for p in prepared.steps.views:
         name = f"SHRM F={prepared.degree} P={p}"
         yield _map_method(
             where, prepared, HarmonicViews(p), prepared.degree, name, "SHRM"
@@ -208,7 +234,7 @@ def _maps(where: Scene, prepared: Prepared) -> Iterator[Method]:
 
 
 def _models(where: Scene, prepared: Prepared) -> Iterator[Method]:
-    for error in MODEL_ERRORS:
+    for error in prepared.steps.errors:
         build = functools.partial(
             shjax.choose_model, where.envmap, prepared.material.brdf,
             rms_error=error, energies=prepared.energies,
@@ -224,8 +250,8 @@ def _fitted(where: Scene, prepared: Prepared) -> Iterator[Method]:
     material = prepared.material
     if material.kind == "ggx":
         values = _metallic_roughness(material, where.normals.shape[0])
-        for maps in LAYER_MAPS:
-            for lights in LAYER_LIGHTS:
+        for maps in prepared.steps.maps:
+            for lights in prepared.steps.lights:
                 yield Method(
                     f"layer {maps} maps, {lights} lights",
                     f"lighting layer, {lights} lights",
@@ -235,7 +261,7 @@ def _fitted(where: Scene, prepared: Prepared) -> Iterator[Method]:
                     functools.partial(_shade, values), ours=True, own=True,
                 )  # fmt: skip
         return
-    for maps in LAYER_MAPS:
+    for maps in prepared.steps.maps:
         fit = prepared.adapted[maps]
         kernels = jnp.asarray(fit.kernels, jnp.float32)
         kernels = jnp.broadcast_to(kernels, (*kernels.shape[:2], 3))
@@ -338,7 +364,9 @@ class Draw:
         return importance.draw_both(self.parameter, n, normals, mirror(normals, views))
 
 
-def _monte_carlo(where: Scene, material: Material) -> Iterator[Method]:
+def _monte_carlo(where: Scene, prepared: Prepared) -> Iterator[Method]:
+    material = prepared.material
+
     def pyramid():
         return importance.pyramid(where.radiance)
 
@@ -347,7 +375,7 @@ def _monte_carlo(where: Scene, material: Material) -> Iterator[Method]:
         ("importance", material.kind, False),
         ("filtered importance", material.kind, True),
     ):
-        for n in SAMPLES:
+        for n in prepared.steps.samples:
             draw = Draw(how, float(material.parameter), n)
 
             def evaluate(levels, normals, views, draw=draw, filtered=filtered):
