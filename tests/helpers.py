@@ -36,17 +36,25 @@ def check_gradients(
     """
     assert all(a.dtype == np.float64 for a in jax.tree.leaves(arguments))
     rng = np.random.default_rng(seed)
+    step = np.finfo(np.float64).eps ** (1 / 3)
+
+    @jax.jit
+    def push(arguments, tangents):
+        return jax.jvp(function, arguments, tangents)
+
+    @jax.jit
+    def pull(arguments, cotangent):
+        return jax.vjp(function, *arguments)[1](cotangent)
+
     for _ in range(directions):
         tangents = jax.tree.map(
-            lambda a: jnp.asarray(rng.normal(size=a.shape)), arguments
+            lambda a, r=rng: jnp.asarray(r.normal(size=a.shape)), arguments
         )
-        _, forward = jax.jvp(function, arguments, tangents)
-        step = np.finfo(np.float64).eps ** (1 / 3)
+        value, forward = push(arguments, tangents)
 
-        def moved(sign, tangents=tangents, step=step):
-            return function(
-                *jax.tree.map(lambda a, t: a + sign * step * t, arguments, tangents)
-            )
+        def moved(sign, tangents=tangents):
+            there = jax.tree.map(lambda a, t: a + sign * step * t, arguments, tangents)
+            return push(there, tangents)[0]
 
         central = (moved(1) - moved(-1)) / (2 * step)
         norm = float(jnp.linalg.norm(forward))
@@ -54,9 +62,8 @@ def check_gradients(
         error = float(jnp.linalg.norm(forward - central)) / norm
         assert error < tolerance, f"JVP differs from central differences by {error:.1e}"
 
-        value, pullback = jax.vjp(function, *arguments)
         cotangent = jnp.asarray(rng.normal(size=value.shape))
-        reverse = pullback(cotangent)
+        reverse = pull(arguments, cotangent)
         left = float(jnp.vdot(cotangent, forward))
         products = jax.tree.map(lambda g, t: float(jnp.vdot(g, t)), reverse, tangents)
         right = sum(jax.tree.leaves(products))
@@ -64,3 +71,5 @@ def check_gradients(
         assert abs(left - right) < transpose * scale, (
             f"VJP differs from JVP by {abs(left - right) / scale:.1e}"
         )
+    apart = float(jnp.linalg.norm(value - function(*arguments)))
+    assert apart <= 1e-11 * float(jnp.linalg.norm(value)), "the JVP has another value"

@@ -27,8 +27,8 @@ def test_energies_are_those_of_the_expansion(name):
     }[name]
     exact = shjax.expand_brdf(model, l_max=12, p_max=8)
     lost = []
-    for maps in RANKS:
-        fit = shjax.adapt(model, maps=maps, l_max=12)
+    fits = {maps: shjax.adapt(model, maps=maps, l_max=12) for maps in RANKS}
+    for maps, fit in fits.items():
         assert fit.kernels.shape == (13, maps, model.channels)
         assert relative_error(fit.energy, exact.degree_energy) < 2e-3
         # Three channels of three shapes need three functions with q = 0.
@@ -36,8 +36,7 @@ def test_energies_are_those_of_the_expansion(name):
             assert np.all(np.asarray(fit.lost[0]) < 1e-3 * np.asarray(fit.energy[0]))
         lost.append(float(jnp.sum(fit.lost)))
     assert lost == sorted(lost, reverse=True)
-    most = shjax.adapt(model, maps=21, l_max=12)
-    few = shjax.adapt(model, maps=4, l_max=12)
+    most, few = fits[21], fits[4]
     assert relative_error(most.fewer(4).kernels, few.kernels) < 1e-6
     assert relative_error(most.fewer(4).views.table, few.views.table) < 1e-4
     assert relative_error(most.kernels[:, within(4)], few.kernels) < 1e-6

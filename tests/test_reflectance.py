@@ -156,6 +156,17 @@ def test_an_exponent_under_uniform_light_is_not_determined(rng):
     assert "kd, ks" in both.message
 
 
+def test_many_pixels_without_noise_converge(rng, dtype):
+    """A hundredth of their deviation is less than single precision tells."""
+    normals, views = (a.astype(dtype) for a in pixels_of(rng, 3000))
+    light = np.zeros((625, 3), dtype)
+    light[0] = [3.391, 3.415, 3.32]
+    image = np.asarray(0.2 * shjax.irradiance(jnp.asarray(light), jnp.asarray(normals)))
+    found = shjax.estimate_brdf(image, normals, views, light, model="phong")
+    assert found.converged
+    assert found.message.endswith("not determined: exponent")
+
+
 @pytest.mark.x64
 @pytest.mark.usefixtures("as_a_user")
 def test_exponents_under_real_light_are_determined(data, rng):

@@ -20,6 +20,7 @@ _COARSE_STEPS = 16
 _FINE_STEPS = 256
 _COARSE = 1e-3
 _NEAR = 0.01
+_ROUNDINGS = 8
 
 
 class Found(NamedTuple):
@@ -31,7 +32,8 @@ class Found(NamedTuple):
         share: Of each parameter's variance under the prior that the data left, in [0, 1].
         jacobian: Of the data's residuals in units of the prior, ``(N, P)``.
         steps: Of the last refinement.
-        converged: Whether the end is within a hundredth of a standard deviation of it.
+        converged: Whether the end is within a hundredth of a standard deviation of it, or
+            within rounding.
     """
 
     value: jax.Array
@@ -95,7 +97,11 @@ def refine(residual: Residual, args: Any, start: jax.Array, prior) -> Found:
     slope = jnp.matmul(jacobian.T, left, precision=precise)
     slope = slope + (solution.value - prior[0]) / spread
     ahead = jnp.abs(jnp.matmul(unit, slope, precision=precise))
-    near = jnp.all(ahead < _NEAR * jnp.sqrt(jnp.diagonal(unit)))
+    deviation = jnp.sqrt(jnp.diagonal(unit))
+    # Many pixels without noise tell more than the type can hold.
+    rounding = _ROUNDINGS * jnp.finfo(start.dtype).eps
+    rounding = rounding * jnp.maximum(jnp.abs(solution.value) / spread, deviation)
+    near = jnp.all(ahead < jnp.maximum(_NEAR * deviation, rounding))
     return Found(
         solution.value,
         unit * spread[:, None] * spread[None],
