@@ -71,5 +71,3 @@ def check_gradients(
         assert abs(left - right) < transpose * scale, (
             f"VJP differs from JVP by {abs(left - right) / scale:.1e}"
         )
-    apart = float(jnp.linalg.norm(value - function(*arguments)))
-    assert apart <= 1e-11 * float(jnp.linalg.norm(value)), "the JVP has another value"

@@ -313,6 +313,7 @@ def front_sphere(data, env, folder="lambert", end=""):
     return shjax.io.read_image(path).astype(float)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 @pytest.mark.parametrize(
     ("folder", "end", "light_error", "visible_error"),
@@ -375,6 +376,7 @@ def test_two_views_determine_the_light(data):
         assert relative_error(estimate.value, truth) < limit
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_clipped_pixels_are_one_sided(data):
     """A third of the picture clipped, with 8 bits: visible irradiance (percent)."""
@@ -423,6 +425,7 @@ def test_robust_losses_leave_outliers_out(plain, rng):
         least_squares(spoilt, normals, loss="tukey")
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_gradients_with_the_prior_and_with_robust_losses(plain, rng):
     _, normals, image = plain
@@ -573,6 +576,7 @@ def test_lit_pixels_are_the_integral(surface, limit, rng):
     assert apart < limit * np.abs(np.asarray(exact)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_a_glossy_prediction_is_the_picture(rng):
     lighting = rng.normal(size=(36, 1))

@@ -78,6 +78,7 @@ def test_exposure_and_white_balance_of_several_pictures(rng, prior):
         shjax.estimate_lighting(image[0], normals[0], balance=True)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_gradient_through_the_balance(rng):
     light = lights_of(rng, 1, 1)[0]

@@ -94,6 +94,7 @@ GLOSSY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", ["real_city", "band4"])
 @pytest.mark.parametrize("name", GLOSSY)
 def test_glossy_spheres_beside_mitsubas(name, light, data):

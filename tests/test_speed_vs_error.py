@@ -2,11 +2,14 @@
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import shjax
 from experiments import speed_vs_error
-from experiments.speed import methods, report, results, scenes
+from experiments.speed import measure, methods, report, results, scenes
+from shjax.sampling import draw_orientations
 
 FEWEST = methods.Steps(
     radial=(16, 32), views=(1, 2), errors=(0.1,), maps=(), samples=(16,), l_max=64
@@ -28,6 +31,7 @@ def quick(tmp_path_factory):
     return out, result, again, told
 
 
+@pytest.mark.slow
 def test_irradiance_errors_are_those_of_the_mathematics(quick):
     # Nine coefficients on city: .97 % in the mean and 2.8 % at most of the total radiance.
     _, result, _, _ = quick
@@ -35,10 +39,8 @@ def test_irradiance_errors_are_those_of_the_mathematics(quick):
     assert rows["degree 0"]["rms"] > rows["degree 1"]["rms"] > rows["degree 2"]["rms"]
     assert rows["degree 2"]["rms"] > rows["degree 4"]["rms"] > rows["degree 8"]["rms"]
     where = scenes.scene("city", rows=64, pairs=64)
-    from shjax import irradiance_error
-
     radiance, directions, weights = where.envmap.samples()
-    found = irradiance_error(
+    found = shjax.irradiance_error(
         where.envmap.lighting(l_max=2), *(np.asarray(a, np.float32) for a in (radiance, directions, weights))
     )  # fmt: skip
     assert float(found["mean"]) == pytest.approx(0.0097, abs=2e-4)
@@ -46,6 +48,7 @@ def test_irradiance_errors_are_those_of_the_mathematics(quick):
     assert rows["brute force"]["rms"] < 1e-6
 
 
+@pytest.mark.slow
 def test_predicted_is_measured(quick):
     _, result, _, _ = quick
     entry = result["glossy"]["city"]["microfacet 0.3"]
@@ -54,6 +57,40 @@ def test_predicted_is_measured(quick):
             assert row["rms"] == pytest.approx(row["predicted"], rel=0.15), name
 
 
+CONVERGED = {
+    "radial maps": 2e-3, "SHRM": 2e-3, "choose_model": 0.02, "adapted maps": 0.02,
+    "Kautz-McCool": 0.02, "Cabral": 0.02, "uniform sampling": 0.1,
+    "importance sampling": 0.03, "filtered importance sampling": 0.03,
+}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_method_converges_to_the_one_reference(tmp_path, rng):
+    # Light of degree 4 and a lobe about R: nothing but sampling and tables is left.
+    l = np.repeat(np.arange(5), 2 * np.arange(5) + 1)
+    coefs = 0.3 * rng.normal(size=(25, 3)) / (1 + l[:, None])
+    coefs[0] = 4.0
+    light = shjax.synthesize(jnp.asarray(coefs, jnp.float32), n_theta=64, n_phi=128)
+    samples = draw_orientations(256, seed=2)
+    places = (jnp.asarray(a, jnp.float32) for a in (samples.normals, samples.views))
+    where = scenes.Scene("smooth", shjax.make_envmap(light), light, samples, *places)
+    material = next(m for m in scenes.materials() if m.name == "Phong 8")
+    steps = methods.Steps(
+        radial=(8,), views=(2,), errors=(0.01,), maps=(21,), samples=(1024,), l_max=16
+    )
+    prepared = methods.Prepared(material, tmp_path, steps)
+    exact, own = scenes.glossy_reference(where, material, tmp_path)
+    measuring, found = measure.Measure(1), {}
+    for method in methods.glossy_methods(where, prepared):
+        row = measuring(method, where, exact, weights=samples.weights)
+        found[method.family] = row["rms"]
+        assert row["rms"] < CONVERGED[method.family], method.name
+    assert found.keys() == CONVERGED.keys()
+    assert own < 1e-3
+    assert min(rms for name, rms in found.items() if "sampling" in name) > own
+
+
+@pytest.mark.slow
 def test_every_method_has_all_numbers(quick):
     _, result, _, _ = quick
     for _, _, entry in results.entries(result):
@@ -65,12 +102,14 @@ def test_every_method_has_all_numbers(quick):
             assert row["most negative"] <= 0
 
 
+@pytest.mark.slow
 def test_it_goes_on_where_it_stopped(quick):
     out, _, again, told = quick
     assert again == json.loads((out / "results.json").read_text())
     assert len(told) == 2  # nothing was measured twice
 
 
+@pytest.mark.slow
 def test_the_report_is_readable(quick):
     out, _, _, _ = quick
     text = (out / "report.md").read_text()

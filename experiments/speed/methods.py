@@ -205,7 +205,8 @@ def _map_method(
         return shrm.read_in(basis, maps, mirror(normals, views), views)
 
     def predicted(_) -> float:
-        light = shjax.analyze(where.radiance, l_max=127, quadrature="pixel")
+        degree = min(127, prepared.expansion.l_max)
+        light = shjax.analyze(where.radiance, l_max=degree, quadrature="pixel")
         error = shjax.predicted_error(
             shjax.power_spectrum(light), prepared.expansion, l_max=f, p_max=p
         )
