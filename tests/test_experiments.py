@@ -210,21 +210,6 @@ def test_recovery_descends(data):
     assert "split-sum" in recovery.markdown(result)
 
 
-def test_ggx_samples_integrate_their_density(rng, dtype):
-    """Uniform light, no cosine weight left: the albedo by 4096 samples."""
-    normals = jnp.tile(jnp.asarray([[0.0, 0.0, 1.0]], dtype), (1, 1))
-    views = jnp.asarray([[0.6, 0.0, 0.8]], dtype)
-    levels = (jnp.ones((4, 8, 1), dtype),)
-    model = brdf.ggx(0.3, 1.0)
-    seen = importance.reflect(
-        levels, model, normals, views,
-        draw=lambda n, v: importance.draw_ggx(0.3, 4096, n, v), filtered=False,
-    )  # fmt: skip
-    angle = jnp.asarray([2 * np.arccos(0.8)], dtype)
-    exact = brdf.quadrature.outgoing_flux(brdf.core.prepared(model), angle, 96, 64)
-    np.testing.assert_allclose(seen, exact, rtol=5e-3)
-
-
 @pytest.mark.x64
 def test_hard_cases():
     from experiments import hard_cases
