@@ -82,7 +82,7 @@ def run(
     measuring = measure.Measure(rounds)
 
     def keep() -> None:
-        io.write_text(file, json.dumps(result, indent=1) + "\n")
+        io.write_text(file, json.dumps(result, separators=(",", ":")) + "\n")
 
     def all_of(known, where, exact, own, weights, material="") -> dict:
         rows_ = {}

@@ -60,7 +60,9 @@ class Measure:
         found["stored bytes"] = sum(a.nbytes for a in jax.tree.leaves(built))
         if method.predicted is not None:
             found["predicted"] = method.predicted(built)
-        return found
+        return {
+            k: v if isinstance(v, int) else float(f"{v:.5g}") for k, v in found.items()
+        }
 
     def forget(self, material: str) -> None:
         """Drop what was compiled for a material: a process may map only so much code."""
