@@ -96,11 +96,11 @@ def test_gains_beyond_the_light_are_not_determined(rng):
     ("model", "surface", "truth", "tolerance"),
     [
         ("phong", 0.8 * phong(3.0), [3, 0.8], 1e-3),
-        ("phong_horizon", 0.5 * phong(3.0, horizon=True), [3, 0.5], 3e-3),
+        pytest.param("phong_horizon", 0.5 * phong(3.0, horizon=True), [3, 0.5], 3e-3, marks=pytest.mark.slow),
         ("ggx_dielectric", 0.7 * ggx(0.3, 0.04), [0.3, 0.7], 1e-2),
-        ("gaussian_microfacet", 0.7 * shjax.brdf.gaussian_microfacet(0.3), [0.3, 0.7], 3e-3),
+        pytest.param("gaussian_microfacet", 0.7 * shjax.brdf.gaussian_microfacet(0.3), [0.3, 0.7], 3e-3, marks=pytest.mark.slow),
         ("diffuse + phong", lambertian(0.5) + 0.3 * phong(20.0), [20, 0.5, 0.3], 3e-3),
-        ("lafortune", 0.5 * (12 / (2 * np.pi)) * lafortune([-0.9], [1.09087], [10.0]), [10, 1.09087 / 0.9, 0.5], 2e-2),
+        pytest.param("lafortune", 0.5 * (12 / (2 * np.pi)) * lafortune([-0.9], [1.09087], [10.0]), [10, 1.09087 / 0.9, 0.5], 2e-2, marks=pytest.mark.slow),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )  # fmt: skip
@@ -167,6 +167,7 @@ def test_many_pixels_without_noise_converge(rng, dtype):
     assert found.message.endswith("not determined: exponent")
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 @pytest.mark.usefixtures("as_a_user")
 def test_exponents_under_real_light_are_determined(data, rng):
@@ -208,6 +209,7 @@ def test_gradients_of_reflectance(scene, rng):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 @pytest.mark.parametrize(
     ("name", "model", "degree", "least", "truth", "tolerance"),

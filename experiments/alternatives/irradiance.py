@@ -32,6 +32,14 @@ def _dot(a, b):
     return jnp.matmul(a, b, precision=HIGHEST)
 
 
+def _fitted(lighting: jax.Array, towards: np.ndarray, inverse: np.ndarray) -> jax.Array:
+    """Least squares to the irradiance of coefficients at directions."""
+    exact = shjax.evaluate(
+        shjax.irradiance_coefs(lighting), jnp.asarray(towards, lighting.dtype)
+    )
+    return _dot(jnp.asarray(inverse, lighting.dtype), exact)
+
+
 @jax.jit
 def cube_light(radiance: jax.Array) -> jax.Array:
     """A panorama on a cube of 128 texels a side, averaged to 16: ``(6, 16, 16, C)``.
@@ -102,11 +110,7 @@ def _dice_fit(count: int = 2048) -> tuple[np.ndarray, np.ndarray]:
 @jax.jit
 def ambient_dice_fit(lighting: jax.Array) -> jax.Array:
     """Twelve colours, least squares over the sphere to the irradiance of coefficients."""
-    towards, inverse = _dice_fit()
-    exact = shjax.evaluate(
-        shjax.irradiance_coefs(lighting), jnp.asarray(towards, lighting.dtype)
-    )
-    return _dot(jnp.asarray(inverse, lighting.dtype), exact)
+    return _fitted(lighting, *_dice_fit())
 
 
 @jax.jit
@@ -210,11 +214,7 @@ def _upper() -> tuple[np.ndarray, np.ndarray]:
 @jax.jit
 def h_basis_fit(lighting: jax.Array) -> jax.Array:
     """Six coefficients, least squares on the upper hemisphere to the irradiance."""
-    upper, inverse = _upper()
-    exact = shjax.evaluate(
-        shjax.irradiance_coefs(lighting), jnp.asarray(upper, lighting.dtype)
-    )
-    return _dot(jnp.asarray(inverse, lighting.dtype), exact)
+    return _fitted(lighting, *_upper())
 
 
 @jax.jit
