@@ -185,7 +185,8 @@ def cap_reflection(
 def _rings_for(lights: CapLights) -> int:
     if isinstance(lights.heights, Tracer) or not np.size(lights.heights):
         return 3
-    widest = float(np.max(np.asarray(lights.angles)))
+    with jax.ensure_compile_time_eval():  # inside jit, too, concrete caps are known
+        widest = float(jnp.max(lights.angles))
     return 3 if widest <= _NARROW else int(np.ceil(widest / _RING_WIDTH))
 
 
