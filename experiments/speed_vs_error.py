@@ -63,6 +63,9 @@ def run(
         full_size: Whether to measure under the whole panorama, too.
         memory: Whether to start a process a method for its memory.
         progress: Called with a line of text.
+
+    Raises:
+        click.UsageError: If ``out`` holds results of other settings or versions.
     """
     from experiments.speed import measure, methods, scenes
     from experiments.versions import versions
@@ -76,9 +79,12 @@ def run(
     }  # fmt: skip
     result = {"about": about, "irradiance": {}, "glossy": {}, "memory": {}}
     if file.exists():
-        held = json.loads(file.read_text())
-        if held["about"] == json.loads(json.dumps(about)):
-            result = held
+        result = json.loads(file.read_text())
+        if _settings(result["about"]) != _settings(json.loads(json.dumps(about))):
+            raise click.UsageError(
+                f"out must be a new folder or hold results of the same settings and "
+                f"versions; {file} has others."
+            )
     measuring = measure.Measure(rounds)
 
     def keep() -> None:
@@ -131,6 +137,11 @@ def run(
     if memory:
         _memory(result, panoramas[0], chosen, cache, keep, progress)
     return result
+
+
+def _settings(about: dict) -> dict:
+    """What two parts of a run must have in common: all but the day."""
+    return {**about, "versions": {**about["versions"], "date": None}}
 
 
 def _full_size(cache: Path, pairs: int) -> dict:

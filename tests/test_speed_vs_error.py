@@ -2,6 +2,7 @@
 
 import json
 
+import click
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -107,6 +108,8 @@ def test_it_goes_on_where_it_stopped(quick):
     out, _, again, told = quick
     assert again == json.loads((out / "results.json").read_text())
     assert len(told) == 2  # nothing was measured twice
+    with pytest.raises(click.UsageError, match="out must be a new folder"):
+        speed_vs_error.run(out, panoramas=("city",))
 
 
 @pytest.mark.slow
