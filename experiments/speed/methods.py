@@ -253,9 +253,10 @@ def _fitted(where: Scene, prepared: Prepared) -> Iterator[Method]:
         values = _metallic_roughness(material, where.normals.shape[0])
         for maps in prepared.steps.maps:
             for lights in prepared.steps.lights:
+                words = f"{lights} {'light' if lights == 1 else 'lights'}"
                 yield Method(
-                    f"layer {maps} maps, {lights} lights",
-                    f"lighting layer, {lights} lights",
+                    f"layer {maps} maps, {words}",
+                    f"lighting layer, {words}",
                     functools.partial(
                         ibl.prefilter_light, where.envmap, maps=maps, max_lights=lights
                     ),
