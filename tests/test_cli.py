@@ -436,6 +436,7 @@ def test_light_splits_off_a_sun(tmp_path):
     np.testing.assert_allclose(rest, 1.0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_reflect_and_render_a_material(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     image = np.ones((32, 64, 3), np.float32)

@@ -88,6 +88,7 @@ def test_the_benchmark_of_nine_coefficients_runs():
     assert result["integral_over_nine"] > 1
 
 
+@pytest.mark.slow
 def test_table_5_4_at_a_small_size():
     """Frequency is far more accurate than a lobe cut at 5 %; times are only reported."""
     result = table_5_4.run(size=32, exponents=(8,))
@@ -99,6 +100,7 @@ def test_table_5_4_at_a_small_size():
     assert "| 8 | 7 |" in table_5_4.table(result)
 
 
+@pytest.mark.slow
 def test_table_5_5_at_a_small_size():
     result = table_5_5.run(size=32, sigmas=(0.4,))
     row = result["rows"][0]
@@ -134,6 +136,7 @@ def test_importance_sampling_is_the_integral(dtype):
     assert relative_error(found, exact) < 0.05
 
 
+@pytest.mark.slow
 def test_figures_of_chapter_5(tmp_path, data):
     numbers = figures_5.run(tmp_path, size=32, samples=2)
     estimates = numbers["5.5"]
@@ -210,6 +213,7 @@ def test_recovery_descends(data):
     assert "split-sum" in recovery.markdown(result)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_hard_cases():
     from experiments import hard_cases

@@ -73,6 +73,7 @@ def smooth_light(rng, dtype, l_max=12, channels=3):
     return jnp.asarray(light, dtype)
 
 
+@pytest.mark.slow
 def test_kinds_are_what_the_material_needs(rng, dtype):
     light = smooth_light(rng, dtype)
     kinds = {
@@ -113,6 +114,7 @@ def test_no_smaller_model_would_have_done(rng, dtype):
     assert chosen.bytes == np.asarray(chosen.maps).nbytes
 
 
+@pytest.mark.slow
 def test_prediction_with_a_diffuse_part(rng, dtype):
     """Its cross terms with the specular part count: against sampling."""
     light = smooth_light(rng, dtype, 20)
@@ -271,6 +273,7 @@ def test_cap_coefficients_and_shading_are_the_integral(rng):
     )
 
 
+@pytest.mark.slow
 def test_the_split_helps_where_there_is_a_sun():
     envmap, _ = sun_panorama(128)
     model = brdf.gaussian_microfacet(0.2)
