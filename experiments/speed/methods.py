@@ -154,7 +154,7 @@ class Prepared:
 
     def __init__(self, material: Material, cache: Path, steps: Steps = ALL) -> None:
         self.material, self.steps = material, steps
-        words = f"{material.name} {steps.l_max} {len(steps.maps)}"
+        words = f"{material.name} {steps.l_max} {steps.maps}"
         name = "".join(c if c.isalnum() else "_" for c in words)
         path = cache / f"material_{shjax.__version__}_{name}.pickle"
         if not path.exists():
