@@ -67,7 +67,7 @@ def run(
     Raises:
         click.UsageError: If ``out`` holds results of other settings or versions.
     """
-    from experiments.speed import measure, methods, scenes
+    from experiments.speed import matte, measure, methods, scenes
     from experiments.versions import versions
     from shjax import io
 
@@ -103,7 +103,7 @@ def run(
         if panorama not in result["irradiance"]:
             start = time.perf_counter()
             exact, own = scenes.irradiance_reference(where, cache)
-            known = methods.irradiance_methods(where)
+            known = matte.irradiance_methods(where)
             ones = where.samples.weights * 0 + 1
             result["irradiance"][panorama] = all_of(known, where, exact, own, ones)
             keep()

@@ -133,14 +133,14 @@ def only(panorama: str, material: str, name: str, cache: str) -> None:
 
     From the kernel's status: what ``getrusage`` tells a child starts at its parent's.
     """
-    from experiments.speed import methods, scenes
+    from experiments.speed import matte, methods, scenes
 
     where = scenes.scene(panorama)
     if material:
         chosen = next(m for m in scenes.materials() if m.name == material)
         known = methods.glossy_methods(where, methods.Prepared(chosen, Path(cache)))
     else:
-        known = methods.irradiance_methods(where)
+        known = matte.irradiance_methods(where)
     method = next(m for m in known if m.name == name)
     built = method.build()
     jax.block_until_ready(method.evaluate(built, where.normals, where.views))
