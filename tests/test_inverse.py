@@ -294,6 +294,7 @@ def mitsuba_lighting(path, l_max=2):
     return np.asarray(shjax.project_samples(*flat, l_max=l_max))
 
 
+@pytest.mark.slow
 def test_light_of_the_exact_sphere_is_biased_by_one_view(data):
     envmap = shjax.io.read_envmap(data / "hdri" / "sunset.exr").to_latlong(64)
     ball = render.sphere(48)
@@ -344,6 +345,7 @@ def test_prior_from_each_picture_on_real_light(
     assert median[1] < visible_error
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_prior_costs_little_where_the_light_ends_at_degree_2(data):
     parts = render.footprints(128, FRONT, samples=8)
@@ -411,6 +413,7 @@ def ldr_scale(data, name):
     return next(i["scale"] for i in manifest["items"] if i["file"] == name)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_robust_losses_leave_outliers_out(plain, rng):
     lighting, normals, image = plain

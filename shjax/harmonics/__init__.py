@@ -19,5 +19,6 @@ from shjax.harmonics.spectrum import multiply as multiply
 from shjax.harmonics.spectrum import power_spectrum as power_spectrum
 from shjax.harmonics.transforms import analyze as analyze
 from shjax.harmonics.transforms import project_samples as project_samples
+from shjax.harmonics.transforms import sum_pixels as sum_pixels
 from shjax.harmonics.transforms import synthesize as synthesize
 from shjax.harmonics.wigner import wigner_d as wigner_d

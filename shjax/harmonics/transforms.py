@@ -64,6 +64,32 @@ def analyze(
     return run(as_float("radiance", radiance))
 
 
+def sum_pixels(
+    radiance: Float[Array, "n_theta n_phi C"], *, l_max: int
+) -> Float[jax.Array, "K C"]:
+    """Coefficients of a panorama's pixels as points of light, to any degree to 128.
+
+    The sum of :func:`analyze` by Fejer's rule, without its limit: beyond half the rows it
+    is no longer the integral of a smooth panorama, but still the transform of the points
+    that :func:`shjax.reference_reflection` adds up.
+
+    Args:
+        radiance: Panorama as it is stored.
+        l_max: Highest degree, inclusive. Static.
+
+    Raises:
+        ValueError: If ``l_max`` is above 128 or ``radiance`` has not three axes.
+    """
+    if radiance.ndim != 3:
+        raise ValueError(
+            f"radiance must have shape (n_theta, n_phi, C); got {radiance.shape}."
+        )
+    if check_l_max(l_max) > _PRODUCTS_TO:  # the FFT above knows no higher orders
+        raise ValueError(f"l_max must be at most {_PRODUCTS_TO}; got {l_max}.")
+    grid = make_grid(radiance.shape[0], radiance.shape[1])
+    return _analyze(as_float("radiance", radiance), grid=grid, l_max=l_max)
+
+
 @functools.partial(jax.jit, static_argnames=("grid", "l_max"))
 def _analyze(radiance: jax.Array, *, grid: Grid, l_max: int) -> jax.Array:
     algorithm = theta_first if l_max <= _PRODUCTS_TO else phi_first

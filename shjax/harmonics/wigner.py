@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
+from shjax.arrays import Array, as_float, in_blocks
 from shjax.harmonics.degrees import check_l_max
 from shjax.harmonics.tables import cached
 
@@ -152,10 +152,20 @@ def wigner_d(
     return _wigner_d(angle, jnp.asarray(eigenvectors(l, l + 1), angle.dtype), l=l)
 
 
+_ADDED_AT_ONCE = 64  # eigenvectors; a longer float32 sum keeps fewer digits
+
+
 @functools.partial(jax.jit, static_argnames=("l",))
 def _wigner_d(angle: jax.Array, vectors: jax.Array, *, l: int) -> jax.Array:
     unit = jnp.broadcast_to(jnp.eye(l + 1, dtype=angle.dtype), vectors.shape)
-    cosines, sines = turn_about_y(unit, vectors, waves(angle, frequencies(l, l + 1)))
+
+    def add(so_far, some):
+        columns, *wave = (jnp.moveaxis(a, 0, -1) for a in some)
+        return so_far + turn_about_y(unit, columns, (wave[0], wave[1])), None
+
+    every = (vectors, *waves(angle, frequencies(l, l + 1)))
+    groups = [in_blocks(jnp.moveaxis(a, -1, 0), _ADDED_AT_ONCE) for a in every]
+    (cosines, sines), _ = jax.lax.scan(add, jnp.zeros_like(unit), groups)
     matrix = jnp.zeros((2 * l + 1, 2 * l + 1), angle.dtype)
     matrix = matrix.at[l:, l:].set(cosines)
     down = np.arange(l - 1, -1, -1)  # rows and columns of the orders -1, -2, ...

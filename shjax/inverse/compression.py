@@ -12,8 +12,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from shjax.arrays import in_blocks
-
 
 class Compressed(NamedTuple):
     """A least-squares problem in J rows, channels in front.
@@ -60,15 +58,14 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
     if wide[1] == 1:
         q, r = (jnp.broadcast_to(a, (channels, *a.shape[1:])) for a in (q, r))
 
-    def project(q_of_channel, column):
-        # In blocks, not as a product: a long float32 sum of like terms drifts by 2e-4.
-        blocks = in_blocks(q_of_channel * column[:, None], 256)
-        return jnp.sum(jnp.sum(blocks, axis=1), axis=0)
-
-    z = jax.vmap(project, in_axes=(0, 1))(q, target)
-    fit = jnp.einsum("cnj,cj->nc", q, z, precision=jax.lax.Precision.HIGHEST)
+    # Twice: the second time takes what a long float32 sum lost the first time.
+    precise = jax.lax.Precision.HIGHEST
+    z, left = jnp.zeros_like(r[..., 0]), target
+    for _ in range(2):
+        more = jnp.einsum("cnj,nc->cj", q, left, precision=precise)
+        z, left = z + more, left - jnp.einsum("cnj,cj->nc", q, more, precision=precise)
     count = jnp.broadcast_to(jnp.sum(root > 0, axis=0), (channels,))
-    rest, power = (jnp.sum(a * a, axis=0) for a in (target - fit, target))
+    rest, power = (jnp.sum(a * a, axis=0) for a in (left, target))
     return Compressed(r, z, rest, power, count.astype(target.dtype))
 
 
