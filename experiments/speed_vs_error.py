@@ -13,11 +13,14 @@ plots. An interrupted run goes on where it stopped; references are kept in its c
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
+import functools
 import json
+import multiprocessing
 import os
 import sys
-import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,12 +32,16 @@ if TYPE_CHECKING:
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
-def one_thread() -> None:
+# Before this process is bound to one of them.
+_CORES = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+
+
+def one_thread(core: int | None = None) -> None:
     """Keep this process, and XLA in it, on one core; before JAX is loaded."""
     flags = os.environ.get("XLA_FLAGS", "")
     os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    if _CORES:
+        os.sched_setaffinity(0, {_CORES[0] if core is None else core})
 
 
 def run(
@@ -46,6 +53,7 @@ def run(
     pairs: int = 2048,
     rounds: int = 3,
     steps: methods.Steps | None = None,
+    jobs: int = 1,
     memory: bool = True,
     full_size: bool = True,
     progress=lambda text: None,
@@ -60,6 +68,7 @@ def run(
         pairs: Orientations and views.
         rounds: Timed runs of each method.
         steps: Of each family of methods; None for all.
+        jobs: Processes, each on a core of its own with its own materials.
         full_size: Whether to measure under the whole panorama, too.
         memory: Whether to start a process a method for its memory.
         progress: Called with a line of text.
@@ -67,7 +76,7 @@ def run(
     Raises:
         click.UsageError: If ``out`` holds results of other settings or versions.
     """
-    from experiments.speed import matte, measure, methods, scenes
+    from experiments.speed import methods, scenes
     from experiments.versions import versions
     from shjax import io
 
@@ -75,7 +84,7 @@ def run(
     steps = steps or methods.ALL
     about = {
         "rows": rows, "pairs": pairs, "rounds": rounds, "seed": scenes.SEED,
-        "steps": dataclasses.asdict(steps), "versions": versions(),
+        "jobs": jobs, "steps": dataclasses.asdict(steps), "versions": versions(),
     }  # fmt: skip
     result = {"about": about, "irradiance": {}, "glossy": {}, "memory": {}}
     if file.exists():
@@ -85,51 +94,29 @@ def run(
                 f"out must be a new folder or hold results of the same settings and "
                 f"versions; {file} has others."
             )
-    measuring = measure.Measure(rounds)
+    for panorama in panoramas:
+        result["glossy"].setdefault(panorama, {})
 
     def keep() -> None:
         io.write_text(file, json.dumps(result, separators=(",", ":")) + "\n")
 
-    def all_of(known, where, exact, own, weights, material="") -> dict:
-        rows_ = {}
-        for method in known:
-            found = measuring(method, where, exact, weights=weights, material=material)
-            rows_[method.name] = {**found, "family": method.family, "ours": method.ours}
-        return {"reference's own error": own, "methods": rows_}
-
-    chosen = [m for m in scenes.materials() if materials is None or m.name in materials]
-    places = {name: scenes.scene(name, rows=rows, pairs=pairs) for name in panoramas}
-    for panorama, where in places.items():
+    how = {"rows": rows, "pairs": pairs, "rounds": rounds, "cache": cache}
+    for panorama in panoramas:
         if panorama not in result["irradiance"]:
-            start = time.perf_counter()
-            exact, own = scenes.irradiance_reference(where, cache)
-            known = matte.irradiance_methods(where)
-            ones = where.samples.weights * 0 + 1
-            result["irradiance"][panorama] = all_of(known, where, exact, own, ones)
+            result["irradiance"][panorama] = _irradiance(panorama, **how)
             keep()
-            progress(f"{panorama}, irradiance: {time.perf_counter() - start:.0f} s")
-    for material in chosen:
-        missing = [
-            panorama
-            for panorama in panoramas
-            if material.name not in result["glossy"].setdefault(panorama, {})
-        ]
-        if not missing:
-            continue
-        prepared = methods.Prepared(material, cache, steps)
-        for panorama in missing:
-            where = places[panorama]
-            start = time.perf_counter()
-            exact, own = scenes.glossy_reference(where, material, cache)
-            known = methods.glossy_methods(where, prepared)
-            weights = where.samples.weights
-            result["glossy"][panorama][material.name] = all_of(
-                known, where, exact, own, weights, material.name
-            )
-            keep()
-            seconds = time.perf_counter() - start
-            progress(f"{panorama}, {material.name}: {seconds:.0f} s")
-        measuring.forget(material.name)
+            progress(f"{panorama}, irradiance")
+    chosen = [m for m in scenes.materials() if materials is None or m.name in materials]
+    tasks = {
+        m.name: [p for p in panoramas if m.name not in result["glossy"][p]]
+        for m in chosen
+    }
+    tasks = {name: missing for name, missing in tasks.items() if missing}
+    for name, found in _each(tasks, jobs, {**how, "steps": steps}):
+        for panorama, entry in found.items():
+            result["glossy"][panorama][name] = entry
+        keep()
+        progress(f"{name}: {', '.join(found)}")
     if full_size and "full size" not in result:
         result["full size"] = _full_size(cache, pairs)
         keep()
@@ -137,6 +124,81 @@ def run(
     if memory:
         _memory(result, panoramas[0], chosen, cache, keep, progress)
     return result
+
+
+def _each(
+    tasks: dict[str, list[str]], jobs: int, how: dict
+) -> Iterator[tuple[str, dict]]:
+    """What was measured of each material, as it comes."""
+    if jobs == 1 or len(tasks) < 2:
+        for name, missing in tasks.items():
+            yield name, _glossy(name, missing, **how)
+        return
+    context = multiprocessing.get_context("spawn")
+    cores = context.SimpleQueue()
+    for job in range(jobs):
+        cores.put(_CORES[job % len(_CORES)] if _CORES else None)
+    pool = concurrent.futures.ProcessPoolExecutor(
+        jobs, context, initializer=_on_a_core, initargs=(cores,)
+    )
+    with pool:
+        waiting = {pool.submit(_glossy, n, some, **how): n for n, some in tasks.items()}
+        for done in concurrent.futures.as_completed(waiting):
+            yield waiting[done], done.result()
+
+
+def _on_a_core(cores) -> None:
+    one_thread(cores.get())
+
+
+@functools.cache
+def _measuring(rounds: int):
+    """Of this process: what is compiled for one material serves the next."""
+    from experiments.speed import measure
+
+    return measure.Measure(rounds)
+
+
+def _all_of(known, where, exact, own, weights, rounds: int, material="") -> dict:
+    found = {}
+    for method in known:
+        row = _measuring(rounds)(
+            method, where, exact, weights=weights, material=material
+        )
+        found[method.name] = {**row, "family": method.family, "ours": method.ours}
+    return {"reference's own error": own, "methods": found}
+
+
+def _irradiance(
+    panorama: str, *, rows: int, pairs: int, rounds: int, cache: Path
+) -> dict:
+    """Every method of irradiance under a panorama."""
+    from experiments.speed import matte, scenes
+
+    where = scenes.scene(panorama, rows=rows, pairs=pairs)
+    exact, own = scenes.irradiance_reference(where, cache)
+    ones = where.samples.weights * 0 + 1
+    return _all_of(matte.irradiance_methods(where), where, exact, own, ones, rounds)
+
+
+def _glossy(
+    name: str, panoramas: list[str], *, rows: int, pairs: int, rounds: int, cache: Path,
+    steps: methods.Steps,
+) -> dict[str, dict]:  # fmt: skip
+    """Every method of a material, under each panorama."""
+    from experiments.speed import methods, scenes
+
+    material = next(m for m in scenes.materials() if m.name == name)
+    prepared = methods.Prepared(material, cache, steps)
+    found = {}
+    for panorama in panoramas:
+        where = scenes.scene(panorama, rows=rows, pairs=pairs)
+        exact, own = scenes.glossy_reference(where, material, cache)
+        known = methods.glossy_methods(where, prepared)
+        weights = where.samples.weights
+        found[panorama] = _all_of(known, where, exact, own, weights, rounds, name)
+    _measuring(rounds).forget(name)
+    return found
 
 
 def _settings(about: dict) -> dict:
@@ -191,9 +253,17 @@ def _memory(result, panorama: str, materials, cache: Path, keep, progress) -> No
 @click.option(
     "--quick", is_flag=True, help="One panorama, four materials, some of the methods."
 )
+@click.option(
+    "--jobs",
+    default=2,
+    show_default=True,
+    type=click.IntRange(1),
+    help="Processes, each on a core of its own with its own materials.",
+)
 @click.option("--plots/--no-plots", default=True)
-def main(out: Path, quick: bool, plots: bool) -> None:
+def main(out: Path, quick: bool, jobs: int, plots: bool) -> None:
     """Measure, and write the report."""
+    jobs = min(jobs, len(_CORES) or os.cpu_count() or 1)
     one_thread()
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -219,6 +289,7 @@ def main(out: Path, quick: bool, plots: bool) -> None:
             "materials": scenes.QUICK_MATERIALS, "pairs": 512, "rounds": 1,
             "steps": methods.FEW, "memory": False, "full_size": False,
         }  # fmt: skip
+        options["jobs"] = jobs
         result = run(out, panoramas=panoramas, progress=progress, **options)
         bar.update(task, description="writing the report")
         report.write(out, result, plots=plots)

@@ -12,6 +12,7 @@ References:
 from __future__ import annotations
 
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
@@ -143,7 +144,8 @@ def reference_reflection_samples(
 @jax.jit
 def _integrate(directions, flux, brdf: Brdf, points: dict[str, jax.Array]) -> jax.Array:
     ready = prepared(brdf)
-    blocks = (in_blocks(directions, _BLOCK), in_blocks(flux, _BLOCK))
+    size = min(_BLOCK, max(flux.shape[0], 1))
+    blocks = (in_blocks(directions, size), in_blocks(flux, size))
     channels = common_channels(flux.shape[-1], brdf.channels, "brdf")
 
     @jax.checkpoint  # the gradient evaluates the BRDF again, and stays small
@@ -157,7 +159,9 @@ def _integrate(directions, flux, brdf: Brdf, points: dict[str, jax.Array]) -> ja
         return jax.lax.scan(step, zero, blocks)[0]
 
     n = points["normals"].shape[0]
-    tiles = {name: _padded(a, min(_TILE, n)) for name, a in points.items()}
+    parts = math.ceil(n * size / (_TILE * _BLOCK))  # the fewer samples, the more points
+    at_once = math.ceil(n / parts)
+    tiles = {name: _padded(a, at_once) for name, a in points.items()}
     return jax.lax.map(one_tile, tiles).reshape(-1, channels)[:n]
 
 

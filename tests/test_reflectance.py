@@ -97,9 +97,9 @@ def test_gains_beyond_the_light_are_not_determined(rng):
     [
         ("phong", 0.8 * phong(3.0), [3, 0.8], 1e-3),
         pytest.param("phong_horizon", 0.5 * phong(3.0, horizon=True), [3, 0.5], 3e-3, marks=pytest.mark.slow),
-        ("ggx_dielectric", 0.7 * ggx(0.3, 0.04), [0.3, 0.7], 1e-2),
+        pytest.param("ggx_dielectric", 0.7 * ggx(0.3, 0.04), [0.3, 0.7], 1e-2, marks=pytest.mark.slow),
         pytest.param("gaussian_microfacet", 0.7 * shjax.brdf.gaussian_microfacet(0.3), [0.3, 0.7], 3e-3, marks=pytest.mark.slow),
-        ("diffuse + phong", lambertian(0.5) + 0.3 * phong(20.0), [20, 0.5, 0.3], 3e-3),
+        pytest.param("diffuse + phong", lambertian(0.5) + 0.3 * phong(20.0), [20, 0.5, 0.3], 3e-3, marks=pytest.mark.slow),
         pytest.param("lafortune", 0.5 * (12 / (2 * np.pi)) * lafortune([-0.9], [1.09087], [10.0]), [10, 1.09087 / 0.9, 0.5], 2e-2, marks=pytest.mark.slow),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -130,7 +130,9 @@ def test_a_model_and_its_channels(scene, dtype):
 
 
 @pytest.mark.x64
-@pytest.mark.parametrize("start", [1.5, 20.0, 1000.0])
+@pytest.mark.parametrize(
+    "start", [pytest.param(1.5, marks=pytest.mark.slow), 20.0, 1000.0]
+)
 def test_from_every_start(scene, start):
     lighting, normals, views, picture = scene
     image = picture(phong(64.0))
@@ -140,6 +142,7 @@ def test_from_every_start(scene, start):
     np.testing.assert_allclose(found.value[0], 64, rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_an_exponent_under_uniform_light_is_not_determined(rng):
     normals, views = pixels_of(rng, 300)
@@ -156,6 +159,7 @@ def test_an_exponent_under_uniform_light_is_not_determined(rng):
     assert "kd, ks" in both.message
 
 
+@pytest.mark.slow
 def test_many_pixels_without_noise_converge(rng, dtype):
     """A hundredth of their deviation is less than single precision tells."""
     normals, views = (a.astype(dtype) for a in pixels_of(rng, 3000))
@@ -187,6 +191,7 @@ def test_exponents_under_real_light_are_determined(data, rng):
         np.testing.assert_allclose(found.value[0], 20, rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_gradients_of_reflectance(scene, rng):
     lighting, normals, views, picture = scene
@@ -278,8 +283,13 @@ def views_of_a_sphere(rng):
     ("model", "surface", "dimension"),
     [
         ("radial", phong(20.0), 5),
-        ("phong", 0.7 * phong(20.0), 2),
-        ("diffuse + phong", lambertian(0.5) + 0.3 * phong(20.0), 1),
+        pytest.param("phong", 0.7 * phong(20.0), 2, marks=pytest.mark.slow),
+        pytest.param(
+            "diffuse + phong",
+            lambertian(0.5) + 0.3 * phong(20.0),
+            1,
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_one_view_leaves_light_and_reflectance_open(
@@ -312,6 +322,7 @@ def test_nine_gains_are_open_for_nine_degrees(rng):
     assert found.null_space.shape == (9, 90)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_what_is_known_closes_the_rest(views_of_a_sphere):
     lighting, normals, views, picture = views_of_a_sphere
@@ -332,6 +343,7 @@ def test_what_is_known_closes_the_rest(views_of_a_sphere):
     np.testing.assert_allclose(found.value[3:], lighting, atol=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_two_lights(views_of_a_sphere, rng):
     lighting, normals, views, picture = views_of_a_sphere
@@ -347,6 +359,7 @@ def test_two_lights(views_of_a_sphere, rng):
     del rng
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_a_prediction_of_the_estimated_reflectance(scene):
     lighting, normals, views, picture = scene

@@ -48,7 +48,7 @@ def irradiance_methods(where: Scene) -> Iterator[Method]:
             yield Method(f"window {name}", "windows at 2", build, by_degree, ours=True)
     yield Method(
         "brute force", "brute force", lambda: light,
-        lambda held, n, v: shjax.reference_irradiance(held, n), ours=True, slow=True,
+        lambda held, n, v: shjax.reference_irradiance(held, n), ours=True,
     )  # fmt: skip
     yield Method(
         "brute force, cube 16", "brute force", lambda: irradiance.cube_light(light),

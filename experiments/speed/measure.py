@@ -12,9 +12,12 @@ import jax
 import numpy as np
 
 from experiments.speed.methods import Method
-from experiments.speed.scenes import Scene, relative_rms
+from experiments.speed.scenes import Scene
+from shjax.model import Model
+from shjax.sampling import measured_error
 
 ROUNDS = 3
+_LONG = 0.5  # seconds after which no further round is run
 
 
 class Measure:
@@ -45,24 +48,21 @@ class Measure:
         keep = np.asarray(where.normals)[:, 2] > 0 if method.upper else slice(None)
         normals, views = where.normals[keep], where.views[keep]
         exact, weights = exact[keep], weights[keep]
-        rounds = 1 if method.slow else self.rounds
         built = jax.block_until_ready(method.build())
-        found = {"build seconds": _warm(method.build, rounds)}
+        found = {"build seconds": _warm(method.build, self.rounds)}
         evaluate = self._evaluation(method, material, built, normals, views, found)
-        start = time.perf_counter()
         values = jax.block_until_ready(evaluate(built, normals, views))
-        first = time.perf_counter() - start
-        found["seconds"] = first
-        if not method.slow:
-            found["seconds"] = _warm(lambda: evaluate(built, normals, views), rounds)
+        found["seconds"] = _warm(lambda: evaluate(built, normals, views), self.rounds)
         found["points"] = int(normals.shape[0])
         found |= _errors(np.asarray(values, np.float64), exact, weights)
-        found["stored bytes"] = sum(a.nbytes for a in jax.tree.leaves(built))
+        held = sum(a.nbytes for a in jax.tree.leaves(built))
+        found["stored bytes"] = getattr(built, "bytes", held)
         if method.predicted is not None:
             found["predicted"] = method.predicted(built)
-        return {
+        row = {
             k: v if isinstance(v, int) else float(f"{v:.5g}") for k, v in found.items()
         }
+        return row | ({"chosen": built.message} if isinstance(built, Model) else {})
 
     def forget(self, material: str) -> None:
         """Drop what was compiled for a material: a process may map only so much code."""
@@ -99,8 +99,10 @@ def _errors(values: np.ndarray, exact: np.ndarray, weights: np.ndarray) -> dict:
     """Relative to the rms of the reference."""
     size = np.linalg.norm(values - exact, axis=1)
     scale = float(np.sqrt(np.average(np.sum(exact**2, axis=1), weights=weights)))
+    rms, standard_error = measured_error(values, exact, weights)
     return {
-        "rms": relative_rms(values, exact, weights),
+        "rms": rms,
+        "standard error": standard_error,
         "mean": float(np.average(size, weights=weights)) / scale,
         "max": float(np.max(size)) / scale,
         "most negative": min(float(values.min()) / scale, 0.0),
@@ -108,8 +110,9 @@ def _errors(values: np.ndarray, exact: np.ndarray, weights: np.ndarray) -> dict:
 
 
 def _warm(function, rounds: int) -> float:
+    """Median seconds of so many rounds, or of one that takes long."""
     times = []
-    for _ in range(rounds):
+    while len(times) < rounds and sum(times) < _LONG:
         start = time.perf_counter()
         jax.block_until_ready(function())
         times.append(time.perf_counter() - start)

@@ -64,7 +64,6 @@ class Method:
         ours: Whether it is shjax's.
         upper: Whether it knows upward normals only.
         predicted: Of what was built, the relative rms error that was predicted.
-        slow: Whether one timed run is enough.
         own: Whether its evaluation, once compiled, is good for its material alone.
     """
 
@@ -75,7 +74,6 @@ class Method:
     ours: bool = False
     upper: bool = False
     predicted: Callable[[Any], float] | None = None
-    slow: bool = False
     own: bool = False
 
 
@@ -176,7 +174,7 @@ def _models(where: Scene, prepared: Prepared) -> Iterator[Method]:
         yield Method(
             f"choose_model {error:g}", "choose_model", build,
             jax.jit(lambda model, n, v: model.radiance(n, v)), ours=True,
-            predicted=lambda model: model.predicted_rms_error, slow=True,
+            predicted=lambda model: model.predicted_rms_error,
         )  # fmt: skip
 
 
@@ -272,9 +270,8 @@ def _others(where: Scene, prepared: Prepared) -> Iterator[Method]:
         "Kautz-McCool",
         elevations,
         view_textures.kautz_mccool,
-        slow=True,
     )
-    yield Method("Cabral's 12 maps", "Cabral", twelve, view_textures.cabral, slow=True)
+    yield Method("Cabral's 12 maps", "Cabral", twelve, view_textures.cabral)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -323,6 +320,5 @@ def _monte_carlo(where: Scene, prepared: Prepared) -> Iterator[Method]:
                 f"{name} sampling",
                 pyramid,
                 evaluate,
-                slow=n > 256,
                 own=True,
             )

@@ -82,7 +82,8 @@ def _choices(result: dict) -> Iterator[str]:
                 continue
             count += 1
             measured.append(row["rms"])
-            limit = max(error, 1.15 * row["predicted"]) + entry["reference's own error"]
+            limit = max(error, row["predicted"]) + entry["reference's own error"]
+            limit += 3 * row["standard error"]
             off[f"{material} under {panorama}"] = row["rms"] / limit
             best = cheapest(entry["methods"], row["rms"] * (1 + 1e-9))
             if best not in (None, name):
@@ -96,7 +97,8 @@ def _choices(result: dict) -> Iterator[str]:
         yield (
             f"**choose_model** asked for {error:g}: measured {np.median(measured):.3f} in "
             f"the median, {max(measured):.3f} at most; {len(above)} of {count} above what "
-            f"was asked and predicted and the reference's own error{which}; {faster}."
+            f"was asked or predicted by more than three standard errors and the "
+            f"reference's own{which}; {faster}."
         )
 
 

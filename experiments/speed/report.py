@@ -11,7 +11,12 @@ from typing import Any
 from experiments.speed.plots import save_plots
 from experiments.speed.prose import full_size, prose
 from experiments.speed.results import entries
-from experiments.speed.tables import cheapest_table, memory_table, method_table
+from experiments.speed.tables import (
+    cheapest_table,
+    choice_table,
+    memory_table,
+    method_table,
+)
 from shjax import io
 
 Block = tuple[str, Any]  # kind (h1, h2, p, table, image) and content
@@ -48,6 +53,8 @@ def _blocks(result: dict, pictures: dict[str, list[str]]) -> Iterator[Block]:
             yield "image", picture
         yield "table", cheapest_table(result, material)
         yield "table", method_table(result, material)
+        if len(choices := choice_table(result, material)) > 1:
+            yield "table", choices
     if result["memory"]:
         yield "h2", "Memory"
         yield "p", _MEMORY
@@ -60,10 +67,14 @@ _MEMORY = (
 )
 
 
+_SHARED = ", other materials at the same time on the other cores"
+
+
 def _about(about: dict, versions: str) -> str:
     return (
         f"Panoramas averaged to {2 * about['rows']} x {about['rows']}, "
-        f"{about['pairs']} orientations and views, RGB float32, one thread, one run. "
+        f"{about['pairs']} orientations and views, RGB float32, one thread, one run"
+        f"{_SHARED if about['jobs'] > 1 else ''}. "
         "*Evaluate* is the time of all points, *build* what is done once for a light, "
         "both warm medians; what a material needs once for all lights is not timed. "
         "Errors are weighted rms over all orientations and views, relative to the rms of "

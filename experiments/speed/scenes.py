@@ -42,6 +42,7 @@ class Scene:
     views: jnp.ndarray
 
 
+@functools.cache
 def scene(name: str, *, rows: int = ROWS, pairs: int = PAIRS) -> Scene:
     """A panorama by name; ``city`` comes with the package, the rest from the data folder.
 

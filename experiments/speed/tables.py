@@ -51,6 +51,20 @@ def method_table(result: dict, material: str) -> list[list[str]]:
     return table
 
 
+def choice_table(result: dict, material: str) -> list[list[str]]:
+    """What ``choose_model`` took, a row a panorama and error."""
+    table = [["panorama", "choose_model took", "predicted", "measured", "ms"]]
+    for panorama, entry in of_material(result, material):
+        for row in entry["methods"].values():
+            if "chosen" in row:
+                what = row["chosen"].partition("; predicted error")[0]
+                measured = f"{row['rms']:.4f} +- {row['standard error']:.4f}"
+                predicted = f"{row['predicted']:.4f}"
+                time = _milliseconds(row["seconds"])
+                table.append([panorama, what, predicted, measured, time])
+    return table
+
+
 def memory_table(result: dict) -> list[list[str]]:
     """Memory of each method, the smallest process first."""
     compiled = {

@@ -101,10 +101,11 @@ def _measured(
 def describe(light: PrefilteredLight, predicted: float | None = None) -> str:
     """What draws, in words."""
     count = light.lights.heights.shape[-1]
+    lights = "light" if count == 1 else "lights"
     what = (
         f"a lighting layer of {light.maps} maps and 9 coefficients for the diffuse part"
     )
-    what += f", and {count} small light(s) shaded apart" if count else ""
+    what += f", and {count} small {lights} shaded apart" if count else ""
     what += f": {light.bytes / 1e6:.3g} MB for every material"
     if predicted is None:
         return what

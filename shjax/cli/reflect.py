@@ -73,14 +73,14 @@ def reflect(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Choose the smallest model of the light reflected from a material.
+    """Choose the least model of the light reflected from a material.
 
     ENV is an environment map; left out, the panorama that comes with shjax. The model is
-    the one that takes the fewest bytes among coefficients over the normal, a radial map,
-    a map without azimuth, the spherical harmonic reflection map and one in a view basis
-    fitted to the material, with a predicted error over all orientations and views that is
-    small enough. Its error is then measured against the integral (over ENV averaged to
-    256 x 128).
+    the one that is read the fastest among coefficients over the normal, a radial map, a
+    map without azimuth, the spherical harmonic reflection map and one in a view basis
+    fitted to the material, each with as many small suns apart as help, whose predicted
+    error over all orientations and views is small enough. Its error is then measured
+    against the integral (over ENV averaged to 256 x 128).
 
     With --material the light is prefiltered once for every roughness and reflectance
     (the lighting layer), and --rms-error and --max-bytes do not count.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +11,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
+from shjax.angular import reference_reflection_samples
 from shjax.arrays import Array, as_float
-from shjax.brdf.core import Brdf, frames, transfer
-from shjax.convolution import common_channels
+from shjax.brdf.core import Brdf, frames
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
 from shjax.sphere import normalize
@@ -194,23 +193,18 @@ def _rings_for(lights: CapLights) -> int:
 def _cap_reflection(
     lights: CapLights, brdf: Brdf, normals, views, tangents, *, rings: int
 ) -> jax.Array:
-    normals = jnp.asarray(normals)
-    dtype, flux = normals.dtype, jnp.asarray(lights.flux)
-    channels = common_channels(flux.shape[-1], brdf.channels, "brdf")
-    shape = (*normals.shape[:-1], channels)
-    towards, shares = cap_nodes(lights, dtype, rings, 2 * rings)
-    shine: Callable = functools.partial(transfer, brdf, normals)
-
-    def add(total, light):
-        direction, amount = light
-        lit = jnp.broadcast_to(direction, normals.shape)
-        rho = shine(lit, views, tangents)
-        amount = jnp.broadcast_to(amount, shape)
-        return total + jnp.broadcast_to(rho.astype(dtype), shape) * amount, None
-
-    amounts = flux[:, None].astype(dtype) * shares[None, :, None]
-    rows = (towards.reshape(-1, 3), amounts.reshape(-1, flux.shape[-1]))
-    return jax.lax.scan(add, jnp.zeros(shape, dtype), rows)[0]
+    flux = as_float("flux", lights.flux).astype(jnp.asarray(normals).dtype)
+    towards, shares = cap_nodes(lights, flux.dtype, rings, 2 * rings)
+    amounts = flux[:, None] * shares[None, :, None]
+    return reference_reflection_samples(
+        amounts.reshape(-1, flux.shape[-1]),
+        towards.reshape(-1, 3),
+        jnp.ones(towards.shape[0] * towards.shape[1], flux.dtype),
+        brdf,
+        normals,
+        views,
+        tangents=tangents,
+    )
 
 
 def cap_nodes(

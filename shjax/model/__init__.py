@@ -4,7 +4,7 @@ Four kinds, from few numbers to many: coefficients of the irradiance about the n
 radial map about R (P = 0); a map without azimuth (q = 0); the SHRM. A diffuse part stays
 about the normal, where it needs a handful of numbers, and is no part of the map. Each
 candidate's error is predicted from the light's spectrum [MATH, section 5], the cross terms
-of diffuse and specular included, and the one that takes the fewest bytes is chosen.
+of diffuse and specular included, and the one that is read in the least time is chosen.
 """
 
 from shjax.model.choice import choose_model as choose_model

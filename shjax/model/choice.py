@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import NamedTuple
 
@@ -19,15 +18,21 @@ from shjax.convolution import common_channels, convolve
 from shjax.envmap import EnvironmentMap
 from shjax.harmonics import power_spectrum
 from shjax.harmonics.degrees import degree_of_coefs
-from shjax.kernels import brdf_coefs, order_counts, radial_coefs
+from shjax.kernels import order_counts, radial_coefs
 from shjax.lights import CapLights
+from shjax.model.cost import (
+    lights_time,
+    map_bytes,
+    map_time,
+    normal_time,
+    table_bytes,
+)
 from shjax.model.known import Energies, Light, brdf_energies, prepare_light, split_parts
-from shjax.model.representation import KINDS, Model, coefficient_views
+from shjax.model.representation import Model, coefficient_views
 from shjax.shrm import default_size, prefilter_in, prefilter_kernels
 
 _DIFFUSE_DEGREES = (0, 2, 4, 6, 8, 12, 16, 24, 32)
 _VIEW_DEGREES = (16, 32)
-_LARGE = 2**20  # bytes of a map for which shading small lights apart is worth its time
 
 
 def choose_model(
@@ -38,7 +43,7 @@ def choose_model(
     max_bytes: int = 2**28,
     energies: Energies | None = None,
 ) -> Model:
-    """The smallest model whose predicted rms error is small enough.
+    """The model that is read the fastest among those whose predicted error is small enough.
 
     Args:
         lighting: An environment map; what :func:`prepare_light` made of one, where one
@@ -47,7 +52,8 @@ def choose_model(
         brdf: The reflectance; concrete (this runs eagerly).
         rms_error: Error over all orientations and views, relative to the rms radiance;
             its square is the error in energy.
-        max_bytes: Larger models are not considered.
+        max_bytes: Larger models are not considered; of maps beyond 16 MB, the size
+            counts as time too.
         energies: From :func:`brdf_energies`, where one BRDF meets several lights.
 
     Returns:
@@ -69,49 +75,48 @@ def choose_model(
         )
     channels = common_channels(light.coefs.shape[-1], brdf.channels, "brdf")
     coefs, rest = (
-        None if a is None else jnp.broadcast_to(a, (a.shape[0], channels))
+        None if a is None else jnp.broadcast_to(a, (*a.shape[:-1], channels))
         for a in (light.coefs, light.rest)
     )
     assert coefs is not None
+    without = [coefs, *(() if rest is None else rest)]  # the first 0, 1, ... lights
     degrees = _VIEW_DEGREES if energies is None else (energies.rho.shape[1] - 1,)
-    best, kept, lights, known = None, coefs, None, energies
+    best, known = None, energies
     for p_max in degrees:
         known = energies or brdf_energies(brdf, l_max=l_light, p_max=p_max)
-        pick = functools.partial(
-            _cheapest, coefs, brdf, known, rms_error, max_bytes, channels
-        )
-        best, kept, lights = pick(coefs), coefs, None
-        if rest is not None:
-            split = pick(rest)
-            if split is not None and (best is None or _helps(split, best, rms_error)):
-                best, kept, lights = split, rest, light.lights
+        every = [
+            _cheapest(coefs, brdf, known, rms_error, max_bytes, kept, n)
+            for n, kept in enumerate(without)
+        ]
+        best = _best([one for one in every if one is not None], rms_error)
         if best is not None and best.error <= rms_error:
             break
     if best is None or known is None:
         raise ValueError(f"max_bytes={max_bytes} is too small for any model.")
+    lights = None
+    if best.lights and light.lights is not None:
+        lights = jax.tree.map(lambda a: a[: best.lights], light.lights)
+    kept = without[best.lights]
     return _built(coefs, kept, lights, brdf, known, best, rms_error)
 
 
-def _helps(split: _Candidate, plain: _Candidate, rms_error: float) -> bool:
-    """Whether taking the lights out reaches the error at last, or saves much.
-
-    Shading a small light takes ten times as long as reading a map (the report of
-    ``experiments/speed_vs_error.py``), so that a map of moderate size is better read.
-    """
-    if plain.error > rms_error:
-        return split.error < plain.error
-    saves = plain.bytes > _LARGE and 4 * split.bytes < plain.bytes
-    return split.error <= rms_error and saves
-
-
 class _Candidate(NamedTuple):
+    time: float
     bytes: int
-    rank: int
     error: float
     kind: str
     l_max: int
     p_max: int
     diffuse_l_max: int | None
+    lights: int
+
+
+def _best(found: list[_Candidate], rms_error: float) -> _Candidate | None:
+    """The one that is read the fastest among the good enough, else the most accurate."""
+    enough = [one for one in found if one.error <= rms_error]
+    if enough:
+        return min(enough, key=lambda one: (one.time, one.bytes))
+    return min(found, key=lambda one: (one.error, one.time), default=None)
 
 
 def _cheapest(
@@ -120,12 +125,13 @@ def _cheapest(
     known: Energies,
     rms_error: float,
     max_bytes: int,
-    channels: int,
     coefs: jax.Array,
+    lights: int,
 ) -> _Candidate | None:
-    """The smallest candidate that is good enough, else the best one that fits.
+    """The fastest candidate that is good enough, else the best one that fits.
 
-    Errors are those of the light in ``coefs``, relative to what the whole one gives.
+    Errors are those of the light in ``coefs``, which is without so many small lights,
+    relative to what the whole one gives.
     """
     l_light = degree_of_coefs(coefs.shape)
 
@@ -136,71 +142,53 @@ def _cheapest(
     weight = weights(coefs)
     whole = np.sum(weights(whole_light) * known.both[: l_light + 1])
     matte, rest = split_parts(brdf)
-    item = coefs.dtype.itemsize * channels
+    item = coefs.dtype.itemsize * coefs.shape[-1]
     degrees = [d for d in _DIFFUSE_DEGREES if d < l_light] + [l_light]
     if matte is None:
         degrees = [-1]
     found: list[_Candidate] = []
     for d in degrees:
         own = (d + 1) ** 2 * item
+        start = normal_time(d) + lights_time(brdf, lights)
         order = d if matte is not None else None
         if rest is None:
             lost = np.sum((weight * known.both[: l_light + 1])[d + 1 :])
             error = math.sqrt(lost / whole) if whole else 0.0
-            found.append(_Candidate(own, 0, error, "irradiance", d, 0, order))
+            found.append(
+                _Candidate(start, own, error, "irradiance", d, 0, order, lights)
+            )
             continue
         for kind, lost in _lost(weight, known, d).items():
             error = np.sqrt(np.maximum(lost, 0) / (whole or 1.0))
-            size = own + _map_bytes(kind, error.shape, item)
+            size = own + map_bytes(kind, error.shape, item)
             if kind == "adapted":
-                size = size + _table_bytes(known)
-            found += _best_of(kind, error, size, rms_error, max_bytes, order)
-    found = [one for one in found if one.bytes <= max_bytes]
-    if not found:
-        return None
-    enough = [one for one in found if one.error <= rms_error]
-    return min(enough) if enough else min(found, key=lambda one: (one.error, one.bytes))
-
-
-def _map_bytes(kind: str, shape: tuple[int, ...], item: int) -> np.ndarray:
-    """Bytes of the map of each ``(F, P)``; ``item`` those of one pixel's coefficient."""
-    pixels = [math.prod(default_size(f)) for f in range(shape[0])]
-    counts = list(RANKS)
-    if kind != "adapted":
-        counts = [len(coefficient_views(kind, p).orders) for p in range(shape[1])]
-    return np.outer(pixels, counts) * item
-
-
-def _table_bytes(known: Energies) -> np.ndarray:
-    """Bytes of the functions of the view of each adapted set, ``(sets,)``."""
-    assert known.adapted is not None
-    table = known.adapted.views.table
-    line = table.nbytes // table.shape[0]
-    return np.array([sum(ranks) * line for ranks in RANKS.values()])
+                size = size + table_bytes(known)
+            time = start + map_time(kind, size)
+            for f, p in _best_of(error, time, size, rms_error, max_bytes):
+                name = "radial" if p == 0 and kind != "adapted" else kind
+                found.append(
+                    _Candidate(
+                        float(time[f, p]), int(size[f, p]), float(error[f, p]), name,
+                        f, p, order, lights,
+                    )
+                )  # fmt: skip
+    return _best([one for one in found if one.bytes <= max_bytes], rms_error)
 
 
 def _best_of(
-    kind: str,
     error: np.ndarray,
+    time: np.ndarray,
     size: np.ndarray,
     rms_error: float,
     max_bytes: int,
-    diffuse_l_max: int | None,
-) -> list[_Candidate]:
-    """The smallest ``(F, P)`` that is good enough and the best one that fits, if any."""
+) -> list[tuple[int, int]]:
+    """The fastest ``(F, P)`` that is good enough and the best one that fits, if any."""
     fits = size <= max_bytes
     chosen = []
-    for allowed, cost in ((fits & (error <= rms_error), size), (fits, error)):
+    for allowed, cost in ((fits & (error <= rms_error), time), (fits, error)):
         if np.any(allowed):
-            place = np.argmin(np.where(allowed, cost, np.inf))
-            f, p = (int(k) for k in np.unravel_index(place, error.shape))
-            name = "radial" if p == 0 and kind != "adapted" else kind
-            chosen.append(
-                _Candidate(
-                    int(size[f, p]), KINDS.index(name), float(error[f, p]), name, f, p,
-                    diffuse_l_max,
-                )
-            )  # fmt: skip
+            place = int(np.argmin(np.where(allowed, cost, np.inf)))
+            chosen.append((place // error.shape[1], place % error.shape[1]))
     return chosen
 
 
@@ -278,8 +266,7 @@ def _built(
                 n_phi=columns,
             )
         else:
-            rho = brdf_coefs(rest, l_max=f, p_max=p_max, accuracy=1e-4)
-            rho = rho.astype(coefs.dtype)
+            rho = jnp.asarray(known.rho[: f + 1, : p_max + 1, : p_max + 1], coefs.dtype)
             basis = coefficient_views(chosen.kind, p_max)
             maps = prefilter_in(basis, light, rho, n_theta=rows, n_phi=columns)
     return Model(

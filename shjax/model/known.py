@@ -13,9 +13,10 @@ from shjax.adapted import RANKS, Adapted, adapt, project
 from shjax.arrays import Array, as_float
 from shjax.brdf.core import Brdf
 from shjax.envmap import EnvironmentMap
-from shjax.harmonics import project_samples
+from shjax.harmonics import project_samples, sum_pixels
+from shjax.harmonics.degrees import degree_of_coefs
 from shjax.kernels import brdf_coefs, expand_brdf, radial_coefs
-from shjax.lights import CapLights, split_lights
+from shjax.lights import CapLights, cap_coefs, split_lights
 
 _LIGHT_DEGREE = 100
 
@@ -25,8 +26,9 @@ class Light(NamedTuple):
 
     Attributes:
         coefs: All of it, ``(K, C)``.
-        lights: Its small lights, or None.
-        rest: Coefficients without them, or None.
+        lights: Its small lights, the strongest first; or None.
+        rest: Coefficients without the first, the first two, ... and all of them,
+            ``(n, K, C)``; or None.
     """
 
     coefs: jax.Array
@@ -70,20 +72,21 @@ def prepare_light(lighting: EnvironmentMap | Float[Array, "K C"]) -> Light:
     lights, rest = split_lights(lighting)
     if not len(lights.heights):
         return Light(coefs, None, None)
-    cast = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), lights)
-    return Light(coefs, cast, light_coefs(rest))
+    strongest = np.argsort(-np.sum(np.asarray(lights.flux), axis=-1), stable=True)
+    lights = jax.tree.map(lambda a: jnp.asarray(a, coefs.dtype)[strongest], lights)
+    one_by_one = jax.tree.map(lambda a: a[:, None], lights)
+    degree = degree_of_coefs(coefs.shape)
+    each = jax.vmap(lambda one: cap_coefs(one, l_max=degree))(one_by_one)
+    later = jnp.cumsum(each[::-1], axis=0)[::-1] - each
+    return Light(coefs, lights, light_coefs(rest)[None] + later)
 
 
 def light_coefs(lighting: EnvironmentMap | Float[Array, "K C"]) -> jax.Array:
     """Coefficients of a light as far as they matter: to degree 100 for a panorama."""
     if not isinstance(lighting, EnvironmentMap):
         return as_float("lighting", lighting)
-    if (
-        lighting.layout == "latlong"
-        and min(lighting.image.shape[:2]) > 2 * _LIGHT_DEGREE
-    ):
-        return jnp.asarray(lighting.lighting(l_max=_LIGHT_DEGREE))
-    # The samples as they are: exact for their sum at any degree.
+    if lighting.layout == "latlong":
+        return sum_pixels(jnp.asarray(lighting.radiance), l_max=_LIGHT_DEGREE)
     samples = (jnp.asarray(a, jnp.float32) for a in lighting.samples())
     return project_samples(*samples, l_max=_LIGHT_DEGREE)
 

@@ -119,7 +119,9 @@ class Model:
             if self.diffuse_l_max is not None:
                 what += f", and {(self.diffuse_l_max + 1) ** 2} for the diffuse part"
         if self.lights is not None:
-            what += f", and {len(self.lights.heights)} small light(s) shaded exactly"
+            count = len(self.lights.heights)
+            lights = "light" if count == 1 else "lights"
+            what += f", and {count} small {lights} shaded exactly"
         rms, asked = self.predicted_rms_error, self.asked_rms_error
         line = (
             f"{what}: {_size(self.bytes)}; predicted error {rms:.2%} rms "
