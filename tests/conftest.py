@@ -64,6 +64,18 @@ def _room_for_compiled_code():
         gc.collect()
 
 
+@pytest.fixture(autouse=True)
+def _compiled_quickly(request):
+    """Most tests compile longer than they run: XLA leaves most optimisations out.
+
+    Not for slow tests, and not in the float32 lane, which see the code that users run.
+    """
+    quickly = not (
+        request.config.getoption("--float32") or request.node.get_closest_marker("slow")
+    )
+    jax.config.update("jax_disable_most_optimizations", quickly)
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(20010812)

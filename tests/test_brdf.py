@@ -157,7 +157,9 @@ def test_white_metal_with_all_scattering_returns_everything(alpha):
         assert np.min(single) < 0.95
 
 
-@pytest.mark.parametrize("alpha", [0.02, 0.15, 0.6, 1.0])
+@pytest.mark.parametrize(
+    "alpha", [pytest.param(0.02, marks=pytest.mark.slow), 0.15, 0.6, 1.0]
+)
 def test_directional_albedo_by_brute_force(alpha, dtype):
     cosine = jnp.asarray([0.05, 0.3, 0.8, 1.0], dtype)
     x, w = np.polynomial.legendre.leggauss(1500)

@@ -347,6 +347,7 @@ def test_reflect_tells_the_lights_that_are_in_no_map(tmp_path):
     np.testing.assert_allclose(light["flux"], area * (image[20, 40] - 1), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_render_a_turntable_that_resumes(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.icosphere(subdivisions=3).export(tmp_path / "ball.obj")

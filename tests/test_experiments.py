@@ -64,6 +64,7 @@ def test_the_erratum_is_the_probes_own(data):
     assert abs(0.1 * total + 0.0322) < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_stability_keeps_its_digits():
     mpmath.mp.dps = 50
@@ -165,6 +166,7 @@ def test_reflection_maps_are_timed():
     assert "dynamic map over product" in reflection_maps.table(result)
 
 
+@pytest.mark.slow
 def test_the_lighting_layer_beats_split_sum_and_the_harmonics(data):
     """By the exact prediction, at three roughnesses."""
     rows = lighting_layer.all_roughnesses(3)

@@ -140,6 +140,7 @@ def as_arrays(material):
     return {name: jnp.asarray(value, jnp.float32) for name, value in material.items()}
 
 
+@pytest.mark.slow
 def test_small_lights_are_shaded_apart(rng):
     """A sun of one degree: the error falls, and is what is predicted."""
     directions = shjax.sphere.latlong_directions(256, 512)
@@ -244,6 +245,7 @@ def test_gradients(rng):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_gradients_in_the_pixels_of_a_panorama_with_a_sun(rng):
     image = 1 + 0.2 * rng.uniform(size=(64, 128, 3))
@@ -293,6 +295,7 @@ def test_single_precision_serves(rng, smooth):
     assert relative_error(seen, exact) < 2e-5
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_shipped_tables_are_what_the_script_makes():
     kernels = adapted_tables.family_kernels()

@@ -157,6 +157,7 @@ def test_kernels_add_and_scale():
     )
 
 
+@pytest.mark.slow
 def test_orders_of_the_microfacet_model():
     """[T5, Table 5.5] prints 24 (at P = 3), 12, 7, 5, 5; within one of it at P = 2."""
     for sigma, ours, printed in (

@@ -32,6 +32,7 @@ def front(rng, count):
     return normals
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_unknown_albedo_from_several_lights(rng):
     normals, lights = front(rng, 800), lights_of(rng, 4)

@@ -157,6 +157,7 @@ def test_local_global_and_dynamic_pictures_agree(rng, dtype):
     assert relative_error(local, exact * ball.mask[..., None]) < 2e-3
 
 
+@pytest.mark.slow
 def test_reference_picture_and_model_agree(rng, dtype):
     light = np.zeros((16, 3))
     light[0] = 4.0
@@ -180,6 +181,7 @@ def test_mirror_and_background_show_the_light(dtype):
     assert reflected[12, 8, 0] < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_gradients_of_a_rendered_pixel(rng):
     """With respect to light, material, normal and the camera's rotation."""

@@ -87,6 +87,7 @@ def ball(data, tmp_path):
     return image, tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("as_a_user")
 def test_estimate_and_score_a_sphere(ball):
     image, folder = ball
@@ -177,6 +178,7 @@ def test_estimate_prints_what_is_determined(ball):
     assert "residual" in run.output
 
 
+@pytest.mark.slow
 @pytest.mark.x64
 def test_the_light_of_real_photographs(data):
     """The gray sphere: every other pixel predicts the rest, 12 photographs."""

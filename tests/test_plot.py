@@ -20,6 +20,7 @@ def save(figure, tmp_path):
     assert (tmp_path / "figure.png").stat().st_size > 2000
 
 
+@pytest.mark.slow
 def test_figures(envmap, tmp_path):
     lighting = envmap.lighting(l_max=8)
     expansion = shjax.expand_brdf(brdf.ggx(0.4, 0.5), l_max=8, p_max=3)

@@ -4,9 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.slow
 def test_the_reference_builds_without_warnings(tmp_path):
     run = subprocess.run(
         [sys.executable, "-W", "error", "-m", "experiments.reference", "--out", str(tmp_path)],

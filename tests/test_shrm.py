@@ -113,7 +113,7 @@ def test_float32_at_a_useful_size(rng):
         assert relative_error(single, double) < 2e-6
 
 
-@pytest.mark.parametrize("alpha", [0.1, 0.5])
+@pytest.mark.parametrize("alpha", [pytest.param(0.1, marks=pytest.mark.slow), 0.5])
 def test_uniform_light_gives_the_directional_albedo(alpha, dtype):
     """White metal returns 1 seen from anywhere, as far as P goes; others their albedo."""
     white = jnp.zeros((4, 1), dtype).at[0].set(np.sqrt(4 * np.pi))
