@@ -106,9 +106,19 @@ def latlong_pixels(
         Row in [-1/2, n_theta - 1/2] and column in [-1/2, n_phi - 1/2], each ``(...)``.
     """
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
-    theta = np.arctan2(np.hypot(x, y), z)
-    row = theta / np.pi * n_theta - 0.5
-    column = (np.pi - np.arctan2(y, x)) / (2 * np.pi) * n_phi - 0.5
+    theta, phi = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
+    return pixel_coordinates(theta, phi, n_theta, n_phi)
+
+
+def pixel_coordinates(theta, phi, n_theta, n_phi):
+    """Fractional row and column of polar angles, of NumPy or of JAX.
+
+    The product comes last. A compiler may compute the row twice, for the pixel's number
+    and for its weight; a sum that comes last is fused with the product in one of the two
+    only, and on a pixel's centre the number and the weight then tell of different pixels.
+    """
+    row = (theta - np.pi / (2 * n_theta)) * (n_theta / np.pi)
+    column = ((np.pi - np.pi / n_phi) - phi) * (n_phi / (2 * np.pi))
     return row, column
 
 

@@ -255,12 +255,14 @@ def test_reading_a_map_over_the_poles(rng, frame):
     assert worst < 0.02
 
 
-def test_reading_is_exact_on_the_pixels(rng, dtype):
+@pytest.mark.parametrize(("rows", "columns"), [(9, 12), (16, 32), (33, 66)])
+def test_reading_is_exact_on_the_pixels(rng, dtype, rows, columns):
     rho = jnp.asarray(random_kernel(rng, 4, 2, 1), dtype)
     lighting = jnp.asarray(rng.normal(size=(25, 1)), dtype)
-    maps = shrm.prefilter(lighting, rho, n_theta=9, n_phi=12)
-    directions = jnp.asarray(latlong_directions(9, 12), dtype)
-    views = jnp.asarray(unit_vectors(rng, 108), dtype).reshape(9, 12, 3)
+    maps = shrm.prefilter(lighting, rho, n_theta=rows, n_phi=columns)
+    directions = jnp.asarray(latlong_directions(rows, columns), dtype)
+    views = jnp.asarray(unit_vectors(rng, rows * columns), dtype)
+    views = views.reshape(rows, columns, 3)
     exact = shjax.reflect(lighting, rho, directions, views)
     for interpolation in ("linear", "cubic"):
         found = shrm.radiance(maps, directions, views, interpolation=interpolation)

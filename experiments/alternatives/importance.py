@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.brdf.core import Brdf, frames, transfer
+from shjax.sphere import pixel_coordinates
 
 _POINTS_AT_ONCE = 256
 
@@ -158,8 +159,8 @@ def _bilinear(atlas: _Atlas, level: jax.Array, theta: jax.Array, phi: jax.Array)
     """One level, a sample's own, read at its direction."""
     start, rows, columns = (jnp.asarray(a, jnp.int32)[level] for a in atlas[1:])
     height, width = rows.astype(theta.dtype), columns.astype(theta.dtype)
-    row = jnp.clip(theta * height / np.pi - 0.5, 0, height - 1)
-    column = (np.pi - phi) * width / (2 * np.pi) - 0.5
+    row, column = pixel_coordinates(theta, phi, height, width)
+    row = jnp.clip(row, 0, height - 1)
     top, left = (jnp.floor(a).astype(jnp.int32) for a in (row, column))
     total = 0.0
     for down in (0, 1):

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax import shrm
-from shjax.sphere import icosahedron, mirror
+from shjax.sphere import icosahedron, mirror, pixel_coordinates
 
 ELEVATIONS = 16
 
@@ -83,8 +83,8 @@ def _read(maps, chosen, shares, towards) -> jax.Array:
     """Bilinear reading of lat-long maps: ``chosen`` and ``shares`` are ``(n, k)``."""
     _, rows, columns, channels = maps.shape
     x, y, z = towards[:, 0], towards[:, 1], towards[:, 2]
-    row = jnp.arctan2(jnp.hypot(x, y), z) * (rows / np.pi) - 0.5
-    column = (np.pi - jnp.arctan2(y, x)) * (columns / (2 * np.pi)) - 0.5
+    theta, phi = jnp.arctan2(jnp.hypot(x, y), z), jnp.arctan2(y, x)
+    row, column = pixel_coordinates(theta, phi, rows, columns)
     row = jnp.clip(row, 0, rows - 1)
     top, left = jnp.floor(row).astype(jnp.int32), jnp.floor(column).astype(jnp.int32)
     flat = maps.reshape(-1, channels)

@@ -27,7 +27,7 @@ from shjax.ibl.prefiltering import PrefilteredLight, level_shape, level_starts
 from shjax.ibl.reading import Weights, read_maps
 from shjax.lights import CapLights, cap_nodes
 from shjax.shrm import in_spherical_frame
-from shjax.sphere import mirror, polar_angles
+from shjax.sphere import mirror, pixel_coordinates, polar_angles
 from shjax.view_basis import halfway
 
 
@@ -172,9 +172,8 @@ def taps(rough: Roughness, towards: jax.Array) -> tuple[jax.Array, jax.Array]:
         level = rough.level + step
         rows = jnp.take(jnp.asarray(heights), level)
         start = jnp.take(jnp.asarray(starts), level)
-        columns, scale = 2 * rows, rows.astype(theta.dtype) / np.pi
-        row = theta * scale - 0.5
-        column = (np.pi - phi) * scale - 0.5
+        columns, height = 2 * rows, rows.astype(theta.dtype)
+        row, column = pixel_coordinates(theta, phi, height, 2 * height)
         top, left = (jnp.floor(a).astype(jnp.int32) for a in (row, column))
         down, right = row - top.astype(row.dtype), column - left.astype(row.dtype)
         own = rough.share if step else 1 - rough.share

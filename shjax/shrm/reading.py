@@ -18,7 +18,7 @@ from jaxtyping import Float
 from shjax.arrays import Array, as_float, check_vectors
 from shjax.harmonics.orientations import einsum
 from shjax.shrm.prefiltering import check_frame
-from shjax.sphere import polar_angles
+from shjax.sphere import pixel_coordinates, polar_angles
 from shjax.view_basis import ViewBasis, views_of_maps
 
 
@@ -134,8 +134,7 @@ def _read(maps, points, values, orders: np.ndarray, weights: Callable) -> jax.Ar
     """Sum of interpolated coefficients times the basis values, ``(n, C)``."""
     n_theta, n_phi, maps_count, channels = maps.shape
     theta, phi = polar_angles(points)
-    row = theta * (n_theta / np.pi) - 0.5
-    column = (np.pi - phi) * (n_phi / (2 * np.pi)) - 0.5
+    row, column = pixel_coordinates(theta, phi, n_theta, n_phi)
     top, left = (jnp.floor(a).astype(jnp.int32) for a in (row, column))
     flat = maps.reshape(n_theta * n_phi, maps_count, channels)
     odd = jnp.asarray(orders % 2 == 1)[None]
