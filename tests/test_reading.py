@@ -370,3 +370,49 @@ def test_mutated_files_are_read_or_refused(tmp_path):
     assert result["files"] == result.get("refused", 0) + result.get("read", 0)
     assert result["refused"] > 100
     assert result["read"] > 30
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("suffix", ["exr", "npy"])
+def test_memory_of_a_large_panorama(tmp_path, suffix):
+    """8192 x 4096 floats, read by the worker and analysed: both processes together."""
+    small, large = tmp_path / f"small.{suffix}", tmp_path / f"large.{suffix}"
+    script = """
+import sys
+from pathlib import Path
+import numpy as np
+from shjax import io
+for path, rows in zip(sys.argv[1:], (8, 4096)):
+    row = np.linspace(0.5, 1.5, 6 * rows, dtype=np.float32).reshape(1, 2 * rows, 3)
+    image = np.broadcast_to(row, (rows, 2 * rows, 3))
+    (np.save if path.endswith("npy") else io.write_image)(path, image)
+"""
+    paths = [str(small), str(large)]
+    subprocess.run([sys.executable, "-c", script, *paths], check=True)
+    script = """
+import sys
+from pathlib import Path
+import shjax
+from shjax.io import isolation
+
+def peaks():
+    lines = [
+        line.split()
+        for pid in ("self", isolation._worker._process.pid)
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines()
+    ]
+    return sum(int(line[1]) for line in lines if line[0] == "VmHWM:")
+
+shjax.io.read_image(sys.argv[1], isolate=True)
+before = peaks()
+light = shjax.io.read_envmap(sys.argv[2], isolate=True).lighting(l_max=2)
+print(peaks() - before, light[0].mean())
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", script, *paths],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    kilobytes, mean = map(float, run.stdout.split())
+    assert kilobytes * 1024 < 2.5 * 8192 * 4096 * 12
+    assert abs(mean - np.sqrt(4 * np.pi)) < 1e-5

@@ -25,7 +25,10 @@ def prose(result: dict) -> list[str]:
                 if (name := cheapest(entry["methods"], error)) is not None
             )
             if not wins:
-                lines.append(f"No method of {what} is within {error:.1%} anywhere.")
+                lines.append(
+                    f"No method of {what} but the sum over every pixel is within "
+                    f"{error:.1%} anywhere."
+                )
                 continue
             none = len(group) - sum(wins.values())
             words = ", ".join(f"{family} ({n})" for family, n in wins.most_common(4))
