@@ -86,6 +86,7 @@ def test_a_person_reads_a_table_and_the_reasons(tmp_path):
         "irradiance_error",
         "recovered_error",
         "One view",
+        "condition",  # the end of a long paragraph
         "written:",
     ):
         assert words in finished.stdout
