@@ -325,6 +325,14 @@ def test_only_lights_that_count_are_split_off():
     assert counts == [1, 2]
 
 
+def test_a_sun_stays_where_its_map_is_read_faster():
+    """With the sun apart the map would be smaller, and the model slower."""
+    envmap, _ = sun_panorama()
+    chosen = choose_model(envmap, brdf.phong(8.0), rms_error=0.05)
+    assert chosen.met
+    assert (chosen.kind, chosen.lights) == ("radial", None)
+
+
 def test_a_model_is_a_pytree_and_differentiable(rng, dtype):
     light = smooth_light(rng, dtype, 4)
     chosen = choose_model(light, brdf.lambertian(0.5) + brdf.phong(6.0), rms_error=0.05)
