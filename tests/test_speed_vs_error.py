@@ -58,6 +58,25 @@ def test_predicted_is_measured(quick):
             assert row["rms"] == pytest.approx(row["predicted"], rel=0.15), name
 
 
+@pytest.mark.slow
+def test_two_jobs_measure_every_material_once(tmp_path):
+    steps = methods.Steps(
+        radial=(8,), views=(), errors=(), maps=(), samples=(), l_max=16
+    )
+    told = []
+    options = {
+        "panoramas": ("city",), "materials": ("Phong 8", "Phong 32"), "rows": 32,
+        "pairs": 64, "rounds": 1, "steps": steps, "jobs": 2, "memory": False,
+        "full_size": False, "progress": told.append,
+    }  # fmt: skip
+    found = speed_vs_error.run(tmp_path, **options)["glossy"]["city"]
+    assert sorted(told) == ["Phong 32: city", "Phong 8: city", "city, irradiance"]
+    errors = [found[f"Phong {s}"]["methods"]["radial map F=8"]["rms"] for s in (8, 32)]
+    assert errors[0] < errors[1]  # the narrower lobe needs more degrees
+    speed_vs_error.run(tmp_path, **options)
+    assert len(told) == 3
+
+
 CONVERGED = {
     "radial maps": 2e-3, "SHRM": 2e-3, "choose_model": 0.02, "adapted maps": 0.02,
     "Kautz-McCool": 0.02, "Cabral": 0.02, "uniform sampling": 0.1,
