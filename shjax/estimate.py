@@ -123,6 +123,11 @@ class Estimate:
             line += (
                 f", degrees above by a prior of scale {scale:.2g}, slope {slope:.2g}"
             )
+            if np.any(np.asarray(self.value)[0] <= 0):
+                line += (
+                    "; no light has L_00 <= 0: look for pixels on an outline, or for "
+                    "wrong normals"
+                )
         if count == size:
             return line
         lost = np.max(np.asarray(self.prior_fraction), axis=1) > _UNDETERMINED

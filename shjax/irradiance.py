@@ -88,7 +88,7 @@ def irradiance_coefs(
         ValueError: If the axis before the last is not a square number.
     """
     kernel = cosine_kernel_table(degree_of_coefs(lighting.shape, "lighting"))
-    return scale_degrees(lighting, kernel)
+    return scale_degrees(as_float("lighting", lighting), kernel)
 
 
 @jax.jit
@@ -112,7 +112,7 @@ def irradiance(
     3.1416
     """
     check_vectors("normals", normals.shape)
-    return evaluate(irradiance_coefs(lighting), normals)
+    return evaluate(irradiance_coefs(lighting), as_float("normals", normals))
 
 
 @jax.jit

@@ -119,8 +119,8 @@ def brdf_coefs(
         ``(l_max + 1, p_max + 1, p_max + 1, C)``, sr^-1, indexed ``[l, p, q]``, q >= 0.
 
     Raises:
-        ValueError: If a degree is out of range, or parts about the tangent are mixed with
-            others.
+        ValueError: If a degree is out of range, ``accuracy`` not positive, or parts about
+            the tangent are mixed with others.
     """
     l_max, p_max = check_l_max(l_max), check_l_max(p_max, "p_max")
     kind_of(brdf)
@@ -287,6 +287,8 @@ def _settled(
 
     The high orders q > p_max count in the energies alone: they join in the last run.
     """
+    if not accuracy > 0:
+        raise ValueError(f"accuracy must be positive; got {accuracy}.")
     dtype = brdf.parts[0].weight.dtype
 
     def run(nodes: Resolution, q: int) -> _Quadrature:

@@ -171,6 +171,36 @@ def test_what_cannot_work_is_refused_at_once(tmp_path):
         assert words in finished.stderr
 
 
+def test_options_are_refused_by_name(tmp_path):
+    map_ = tmp_path / "a.npy"
+    np.save(map_, np.ones((8, 16, 3), np.float32))
+    np.save(tmp_path / "bright.npy", np.full((8, 16, 3), 1e38, np.float32))
+    out = ("--out", "o")
+    for words, message in (
+        (("remap", map_, "x.exr", "--exposure", "nan"), "'--exposure': 'nan' is not a"),
+        (
+            ("reflect", map_, *out, "--rms-error", "nan"),
+            "'--rms-error': 'nan' is not a",
+        ),
+        (("light", "bright.npy", *out), "bright.npy: the light overflows float32"),
+        (
+            ("convert", map_, "x.h", "--to", "c", "--axes=x,y,-z"),
+            "--convention must name it",
+        ),
+        (
+            (
+                *("reflect", map_, *out, "--material", "roughness=0.5"),
+                *("--brdf", "phong exponent=8"),
+            ),
+            "--material takes the place of --brdf",
+        ),
+    ):
+        finished = shell(*words, cwd=tmp_path)
+        assert finished.returncode == 2
+        assert message in finished.stderr
+        assert finished.stderr.count("\n") == 1
+
+
 def test_a_long_table_is_cut(tmp_path):
     io.write_image(tmp_path / "[bold]a.exr", np.ones((16, 32, 3), np.float32))
     finished = shell(
@@ -299,7 +329,7 @@ def test_reflect(tmp_path):
     assert result["measured_rms_error"] <= limit
     assert result["schema"] == "shjax.reflect/1"
     assert result["lights"] == []
-    spheres = io.read_image(tmp_path / "out" / "a_spheres.exr")
+    spheres = io.read_image(tmp_path / "out" / "a_reflection.exr")
     model, exact, difference = np.split(spheres, 3, axis=1)
     np.testing.assert_allclose(model - exact, difference, atol=1e-6)
     assert np.abs(difference).max() < 0.3 * exact.max()

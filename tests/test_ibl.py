@@ -444,3 +444,10 @@ def test_a_shader_can_be_written_from_the_files(tmp_path, rng, dtype, smooth):
         np.testing.assert_allclose(found, expected, rtol=3e-3)
     with pytest.raises(ValueError, match=r"path must end in \.exr"):
         io.write_prefiltered(tmp_path / "light.png", light)
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_a_light_that_is_not_prefiltered_is_refused(dtype):
+    up = jnp.asarray([[0, 0, 1]], dtype)
+    with pytest.raises(ValueError, match="light must be what prefilter_light made"):
+        ibl.shade(jnp.ones((9, 3), dtype), up, up, albedo=1.0, roughness=0.5)

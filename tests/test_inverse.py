@@ -184,6 +184,18 @@ def test_an_empty_mask_determines_nothing(plain):
     assert estimate.message.startswith("nothing is determined")
 
 
+def test_a_dark_outline_that_is_not_masked_is_told(dtype):
+    """Pixels that a sphere covers in part, taken whole, fit no light at all."""
+    ball = shjax.render.sphere(16)
+    light = jnp.zeros((9, 1), dtype).at[0].set(1.8).at[2].set(0.5)
+    image = shjax.render.lambertian(ball, light)
+    estimate = shjax.estimate_lighting(image, ball.normals)
+    assert estimate.value[0, 0] < 0
+    assert "look for pixels on an outline" in estimate.message
+    estimate = shjax.estimate_lighting(image, ball.normals, mask=ball.mask == 1)
+    assert "outline" not in estimate.message
+
+
 def test_condition_numbers_of_the_whole_and_half_sphere():
     normals = shjax.sphere.fibonacci_directions(4000)
     image = np.ones((4000, 1))
@@ -202,6 +214,7 @@ def test_condition_numbers_of_the_whole_and_half_sphere():
         ({"mask": np.ones(4)}, "mask must have shape"),
         ({"mask": -np.ones(5)}, "mask must not be negative"),
         ({"image": np.full((5, 1), np.nan)}, "image must be finite"),
+        ({"albedo": -1.0}, "albedo must not be negative"),
         ({"albedo": np.ones((4, 1))}, "albedo must be a number or broadcast"),
         ({"noise": np.ones(3)}, "noise must be"),
         ({"noise": -1.0}, "noise must not be negative"),

@@ -164,6 +164,13 @@ def test_not_met_is_said_and_the_best_is_given(rng, dtype):
         choose_model(light, brdf.phong(np.ones(2)), rms_error=0.1)
 
 
+@pytest.mark.usefixtures("as_a_user")
+def test_what_is_no_light_is_refused(dtype):
+    for wrong in (np.ones((32, 64, 3), dtype), np.full((9, 3), np.nan, dtype)):
+        with pytest.raises(ValueError, match="environment map or finite coefficients"):
+            choose_model(wrong, brdf.phong(9.0), rms_error=0.1)
+
+
 def test_hard_lights(dtype):
     black = choose_model(jnp.zeros((9, 3), dtype), brdf.phong(9.0), rms_error=0.1)
     assert black.met

@@ -87,6 +87,12 @@ def convert(
     """
     if target.exists() and source.exists() and target.samefile(source):
         raise click.UsageError("TARGET is SOURCE; it would be overwritten.")
+    if (
+        axes is not None
+        and convention.lower() == "shjax"
+        and FORMATS[format].convention is None
+    ):
+        raise click.UsageError("--axes are a tool's: --convention must name it.")
     found = None if source.is_dir() else io.read_coefs(source, no_mirror=no_mirror)
     if found is None:
         if no_mirror:

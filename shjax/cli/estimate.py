@@ -16,7 +16,7 @@ import shjax
 from shjax import io
 from shjax.cli import surface
 from shjax.cli.light import BASIS
-from shjax.cli.options import BrdfText
+from shjax.cli.options import BrdfText, FiniteRange
 from shjax.cli.pictures import FRAME, as_rgb, compare, header
 from shjax.display import tone_map
 from shjax.estimate import Estimate
@@ -85,11 +85,11 @@ class _Numbers(click.ParamType):
     help="Up in the picture, of the mesh's camera.",
 )  # fmt: skip
 @click.option(
-    "--fov", type=click.FloatRange(0.1, 170), metavar="DEGREES",
+    "--fov", type=FiniteRange(0.1, 170), metavar="DEGREES",
     help="Horizontal field of view of the mesh's camera; orthographic without.",
 )  # fmt: skip
 @click.option(
-    "--width", type=click.FloatRange(0, min_open=True), default=2.1, show_default=True,
+    "--width", type=FiniteRange(0, min_open=True), default=2.1, show_default=True,
     help="Width of an orthographic camera's view.",
 )  # fmt: skip
 @click.option(
@@ -109,7 +109,7 @@ class _Numbers(click.ParamType):
 )  # fmt: skip
 @click.option(
     "--exposure", default=1.0, show_default=True,
-    type=click.FloatRange(0, min_open=True),
+    type=FiniteRange(0, min_open=True),
     help="What the picture was multiplied by.",
 )  # fmt: skip
 @click.option(

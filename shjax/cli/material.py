@@ -60,12 +60,12 @@ def run_material(
     if values["roughness"] < _LEAST_ROUGHNESS:
         why += f"; drawn as roughness {_LEAST_ROUGHNESS:g}, where the maps end"
     about = header(envmap.report.source, units="radiance", model=why)
-    names = ("spheres.exr", "spheres.png", "light.exr", "light.json")
+    names = ("reflection.exr", "reflection.png", "light.exr", "light.json")
     files = {name: str(out / f"{stem}_{name}") for name in names}
     io.write_image(
-        files["spheres.exr"], pictures, attributes={**about, "panels": PANELS}
+        files["reflection.exr"], pictures, attributes={**about, "panels": PANELS}
     )
-    io.write_image(files["spheres.png"], shown)
+    io.write_image(files["reflection.png"], shown)
     io.write_prefiltered(files["light.exr"], light)
     return {
         "report": dataclasses.asdict(envmap.report),

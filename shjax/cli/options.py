@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import click
 import jax
 import numpy as np
+from click.core import ParameterSource
 
 import shjax
 from shjax.adapted import RANKS
@@ -17,6 +19,17 @@ from shjax.io.envmaps import INVALID_CHOICES
 from shjax.layouts import LAYOUTS
 from shjax.sphere import yaw_pitch_roll
 from shjax.windows import NAMES
+
+
+class FiniteRange(click.FloatRange):
+    """A finite number within limits; click's own lets NaN pass, which no limit stops."""
+
+    def convert(self, value, param, ctx):
+        """Text to a float."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
 
 
 class _Angles(click.ParamType):
@@ -144,8 +157,9 @@ material_option = click.option(
     "--material",
     type=_MaterialText(),
     help="glTF's metallic-roughness material in place of --brdf, drawn by the lighting "
-    "layer: roughness=0.5,metallic=0,albedo=0.8,0.8,0.8,f0=0.04 (these are the "
-    "defaults). On a mesh, 'mesh' takes the file's own textures and factors.",
+    "layer: some of roughness=R, metallic=M, albedo=A or R,G,B and f0=F, joined by "
+    "commas; else 0.5, 0, 0.8 and 0.04. On a mesh, 'mesh' takes the file's own "
+    "textures and factors.",
 )
 
 maps_option = click.option(
@@ -160,7 +174,7 @@ rms_error_option = click.option(
     "--rms-error",
     default=0.1,
     show_default=True,
-    type=click.FloatRange(0, 1, min_open=True),
+    type=FiniteRange(0, 1, min_open=True),
     help="Error over all orientations and views, relative to the rms radiance; its "
     "square is the error in energy.",
 )
@@ -212,6 +226,19 @@ invalid_option = click.option(
 )
 
 
+def check_one_reflectance(material: Material | None) -> None:
+    """Refuse ``--material`` beside a ``--brdf`` that was given.
+
+    Raises:
+        click.UsageError: If both were.
+    """
+    source = click.get_current_context().get_parameter_source("brdf")
+    if material is not None and source is not ParameterSource.DEFAULT:
+        raise click.UsageError(
+            "--material takes the place of --brdf: give one of them."
+        )
+
+
 def light_of(
     envmap: EnvironmentMap, l_max: int, rotation: np.ndarray | None
 ) -> tuple[jax.Array, str]:
@@ -227,6 +254,12 @@ def light_of(
         lighting = envmap.lighting(l_max=l_max)
     else:
         lighting = envmap.lighting(l_max=l_max, quadrature=quadrature)
+    if not np.all(np.isfinite(np.asarray(lighting))):
+        brightest = np.max(np.abs(np.asarray(envmap.image)))
+        raise ValueError(
+            f"{envmap.report.source}: the light overflows float32; its largest value is "
+            f"{brightest:.3g}."
+        )
     if rotation is not None:
         lighting = shjax.rotate(lighting, rotation)
     return lighting, quadrature

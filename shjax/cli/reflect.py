@@ -18,6 +18,7 @@ from shjax.cli.material import run_material
 from shjax.cli.options import (
     Material,
     brdf_option,
+    check_one_reflectance,
     invalid_option,
     layout_option,
     maps_option,
@@ -91,7 +92,7 @@ def reflect(
       NAME_shrm.exr       its map, a layer a coefficient (p1q-1.R, p1q-1.G, ...)
       NAME_light.exr      with --material: the prefiltered light; with NAME_light.json
                           it is all that a shader needs, which that file describes
-      NAME_spheres.exr    a sphere: by the model; by the exact integral; their
+      NAME_reflection.exr a sphere: by the model; by the exact integral; their
                           difference (.png: red too bright, blue too dark, full
                           colour at a tenth of white)
 
@@ -102,6 +103,7 @@ def reflect(
         --brdf "lambertian albedo=0.5 + 0.3 * phong_cosine exponent=30"
       shjax reflect --material roughness=0.4,metallic=1,albedo=1,0.8,0.4 --out results
     """
+    check_one_reflectance(material)
     if material is not None and material.mesh:
         raise click.UsageError("--material mesh needs a mesh; use shjax render.")
     path = env or io.shipped_panorama()
@@ -184,10 +186,13 @@ def run(
     result["lights"] = [] if lights is None else io.lights_as_json(lights)
     about = header(envmap.report.source, units="radiance", model=model.message)
     files = {
-        name: str(out / f"{stem}_{name}") for name in ("spheres.exr", "spheres.png")
+        name: str(out / f"{stem}_{name}")
+        for name in ("reflection.exr", "reflection.png")
     }
-    io.write_image(files["spheres.exr"], values, attributes={**about, "panels": PANELS})
-    io.write_image(files["spheres.png"], shown)
+    io.write_image(
+        files["reflection.exr"], values, attributes={**about, "panels": PANELS}
+    )
+    io.write_image(files["reflection.png"], shown)
     if model.maps is not None:
         files["shrm.exr"] = str(out / f"{stem}_shrm.exr")
         maps = np.asarray(model.maps)

@@ -9,7 +9,12 @@ import click
 import numpy as np
 
 from shjax import io
-from shjax.cli.options import invalid_option, layout_option, rotate_option
+from shjax.cli.options import (
+    FiniteRange,
+    invalid_option,
+    layout_option,
+    rotate_option,
+)
 from shjax.cli.pictures import as_rgb, header
 from shjax.display import OPERATORS, tone_map
 from shjax.envmap import EnvironmentMap
@@ -50,7 +55,7 @@ _SIX = "faces"
 )  # fmt: skip
 @click.option(
     "--exposure", default=0.0, show_default=True, metavar="STOPS",
-    type=click.FloatRange(-30, 30), help="Brighten by powers of two.",
+    type=FiniteRange(-30, 30), help="Brighten by powers of two.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")

@@ -19,8 +19,10 @@ from shjax.brdf import Brdf
 from shjax.cli.many import stamp
 from shjax.cli.material import describe
 from shjax.cli.options import (
+    FiniteRange,
     Material,
     brdf_option,
+    check_one_reflectance,
     invalid_option,
     layout_option,
     maps_option,
@@ -62,15 +64,15 @@ TURNS = {"z": np.eye(3), "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])}
 )  # fmt: skip
 @click.option(
     "--azimuth", default=30.0, show_default=True, metavar="DEGREES",
-    help="Where the camera stands around the mesh.",
+    type=FiniteRange(), help="Where the camera stands around the mesh.",
 )  # fmt: skip
 @click.option(
     "--elevation", default=12.0, show_default=True, metavar="DEGREES",
-    type=click.FloatRange(-89, 89), help="How far above its middle.",
+    type=FiniteRange(-89, 89), help="How far above its middle.",
 )  # fmt: skip
 @click.option(
     "--fov", default=35.0, show_default=True, metavar="DEGREES",
-    type=click.FloatRange(1, 120), help="The camera's horizontal field of view.",
+    type=FiniteRange(1, 120), help="The camera's horizontal field of view.",
 )  # fmt: skip
 @click.option(
     "--turntable", default=1, show_default=True, type=click.IntRange(1, 3600),
@@ -126,6 +128,7 @@ def render_command(
         --brdf "lambertian albedo=0.5,0.2,0.1 + ggx alpha=0.2 f0=0.04"
       shjax render helmet.glb --material mesh --out results
     """
+    check_one_reflectance(material)
     path = env or io.shipped_panorama()
     check_folder(out)
     click.get_current_context().with_resource(protecting(path, mesh))

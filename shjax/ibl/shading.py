@@ -56,7 +56,8 @@ def shade(
         normals: Unit normals.
         views: Unit vectors to the viewer.
         albedo: A number, or an array that broadcasts to ``(*points, C)``.
-        roughness: A number, or ``(*points,)``, in [0, 1].
+        roughness: A number, or ``(*points,)``, in [0, 1]. No value is checked here, where
+            it may be traced.
         metallic: A number, or ``(*points,)``, in [0, 1].
         f0: Reflectance of the dielectric at normal incidence, in the form of ``albedo``.
 
@@ -64,8 +65,10 @@ def shade(
         ``(*lights, *points, C)``.
 
     Raises:
-        ValueError: If a shape does not fit.
+        ValueError: If a shape does not fit, or ``light`` is not prefiltered.
     """
+    if not isinstance(light, PrefilteredLight):
+        raise ValueError("light must be what prefilter_light made of a light.")
     for name, vectors in (("normals", normals), ("views", views)):
         check_vectors(name, vectors.shape)
     if normals.shape != views.shape:

@@ -91,6 +91,8 @@ def flatten(image, seen, mask, albedo) -> Pixels:
     concrete = not any(isinstance(a, Tracer) for a in (image, weights))
     if concrete and bool(jnp.any(weights < 0)):
         raise ValueError("mask must not be negative.")
+    if not isinstance(albedo, Tracer) and bool(jnp.any(albedo < 0)):
+        raise ValueError("albedo must not be negative.")
     if concrete:
         bad = ~np.isfinite(np.asarray(image)[np.asarray(weights) > 0])
         if bad.any():

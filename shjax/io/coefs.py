@@ -40,7 +40,9 @@ def _rows(values: np.ndarray):
 
 def _three(values: np.ndarray, convention: str) -> str:
     if values.shape != (9, 3):
-        raise ValueError(f"a LightProbe holds 9 x 3 coefficients; got {values.shape}.")
+        raise ValueError(
+            f"a LightProbe holds 9 x 3 coefficients, l_max=2; got {values.shape}."
+        )
     flat = [float(x) for x in values.ravel()]
     # Named by its contents: the same light gives the same file.
     name = str(uuid.uuid5(uuid.NAMESPACE_URL, json.dumps(flat)))

@@ -161,13 +161,13 @@ def _refuse(found: _Invalid) -> None:
         raise ValueError(
             f"{found.non_finite} values are NaN or infinite, the first at row "
             f"{row}, column {column}, channel {channel} (counted from 0); "
-            f"invalid='clamp' or 'zero' reads it all the same."
+            f"invalid='clamp' or 'zero' (--invalid) reads it all the same."
         )
     if found.share > NEGATIVE_ENERGY_LIMIT:
         raise ValueError(
             f"negative values hold {found.share:.1e} of the energy, the limit is "
-            f"{NEGATIVE_ENERGY_LIMIT:.0e}; invalid='clamp', 'zero' or 'keep' reads it "
-            f"all the same."
+            f"{NEGATIVE_ENERGY_LIMIT:.0e}; invalid='clamp', 'zero' or 'keep' (--invalid) "
+            f"reads it all the same."
         )
 
 

@@ -61,12 +61,18 @@ def choose_model(
         the smallest predicted error.
 
     Raises:
-        ValueError: If ``rms_error`` is not positive, ``max_bytes`` too small for any
-            model, ``energies`` too short, or the channels do not fit.
+        ValueError: If ``lighting`` is no single finite light, ``rms_error`` not positive,
+            ``max_bytes`` too small for any model, ``energies`` too short, or the channels
+            do not fit.
     """
     if not rms_error > 0:
         raise ValueError(f"rms_error must be positive; got {rms_error}.")
     light = lighting if isinstance(lighting, Light) else prepare_light(lighting)
+    if light.coefs.ndim != 2 or not np.all(np.isfinite(np.asarray(light.coefs))):
+        raise ValueError(
+            "lighting must be an environment map or finite coefficients (K, C); got "
+            f"shape {light.coefs.shape}."
+        )
     l_light = degree_of_coefs(light.coefs.shape, "lighting")
     if energies is not None and energies.rho.shape[0] <= l_light:
         raise ValueError(
