@@ -406,4 +406,4 @@ def test_wrong_arguments_are_refused(call, message):
 @pytest.mark.parametrize("accuracy", [0.0, float("nan")])
 def test_accuracy_is_positive(accuracy):
     with pytest.raises(ValueError, match="accuracy must be positive"):
-        shjax.brdf_coefs(shjax.brdf.phong(8.0), l_max=2, p_max=1, accuracy=accuracy)
+        shjax.brdf_coefs(shjax.brdf.ggx(0.4), l_max=2, p_max=1, accuracy=accuracy)
