@@ -111,7 +111,7 @@ def latlong_pixels(
 
 
 def pixel_coordinates(theta, phi, n_theta, n_phi):
-    """Fractional row and column of polar angles, of NumPy or of JAX.
+    """As :func:`latlong_pixels`, of polar angles, arrays of NumPy or of JAX.
 
     The product comes last. A compiler may compute the row twice, for the pixel's number
     and for its weight; a sum that comes last is fused with the product in one of the two

@@ -141,9 +141,7 @@ def print_result(console: Console, result: dict) -> None:
         "normals, where light of degree 4, 6, ... looks like degrees 0 to 2; "
         f"{result['recovered']['message']}.",
     ):
-        console.print(
-            Padding(paragraph, (0, 0, 0, 2)), highlight=False, soft_wrap=False
-        )
+        console.print(Padding.indent(paragraph, 2), highlight=False, soft_wrap=False)
     for light in result.get("lights", []):
         colour = ", ".join(f"{value:.4g}" for value in light["flux"])
         console.print(

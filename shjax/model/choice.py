@@ -65,20 +65,8 @@ def choose_model(
             ``max_bytes`` too small for any model, ``energies`` too short, or the channels
             do not fit.
     """
-    if not rms_error > 0:
-        raise ValueError(f"rms_error must be positive; got {rms_error}.")
     light = lighting if isinstance(lighting, Light) else prepare_light(lighting)
-    if light.coefs.ndim != 2 or not np.all(np.isfinite(np.asarray(light.coefs))):
-        raise ValueError(
-            "lighting must be an environment map or finite coefficients (K, C); got "
-            f"shape {light.coefs.shape}."
-        )
-    l_light = degree_of_coefs(light.coefs.shape, "lighting")
-    if energies is not None and energies.rho.shape[0] <= l_light:
-        raise ValueError(
-            f"energies must reach the light's degree {l_light}; they end at "
-            f"l_max={energies.rho.shape[0] - 1}."
-        )
+    l_light = _check(light, rms_error, energies)
     channels = common_channels(light.coefs.shape[-1], brdf.channels, "brdf")
     coefs, rest = (
         None if a is None else jnp.broadcast_to(a, (*a.shape[:-1], channels))
@@ -104,6 +92,24 @@ def choose_model(
         lights = jax.tree.map(lambda a: a[: best.lights], light.lights)
     kept = without[best.lights]
     return _built(coefs, kept, lights, brdf, known, best, rms_error)
+
+
+def _check(light: Light, rms_error: float, energies: Energies | None) -> int:
+    """Refuse what :func:`choose_model` cannot take; returns the light's degree."""
+    if not rms_error > 0:
+        raise ValueError(f"rms_error must be positive; got {rms_error}.")
+    if light.coefs.ndim != 2 or not np.all(np.isfinite(np.asarray(light.coefs))):
+        raise ValueError(
+            "lighting must be an environment map or finite coefficients (K, C); got "
+            f"shape {light.coefs.shape}."
+        )
+    l_light = degree_of_coefs(light.coefs.shape, "lighting")
+    if energies is not None and energies.rho.shape[0] <= l_light:
+        raise ValueError(
+            f"energies must reach the light's degree {l_light}; they end at "
+            f"l_max={energies.rho.shape[0] - 1}."
+        )
+    return l_light
 
 
 class _Candidate(NamedTuple):
