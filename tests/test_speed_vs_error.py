@@ -77,6 +77,22 @@ def test_two_jobs_measure_every_material_once(tmp_path):
     assert len(told) == 3
 
 
+def test_one_process_measures_other_numbers_of_orientations():
+    white = methods.Method(
+        "white",
+        "none",
+        lambda: jnp.ones((1, 3), jnp.float32),
+        lambda built, n, _: built + 0 * n,
+    )
+    measuring = measure.Measure(1)
+    for pairs in (16, 8):
+        where = scenes.scene("city", rows=8, pairs=pairs)
+        weights = where.samples.weights
+        row = measuring(white, where, np.ones((pairs, 3)), weights=weights)
+        assert row["points"] == pairs
+        assert row["rms"] == 0
+
+
 CONVERGED = {
     "radial maps": 2e-3, "SHRM": 2e-3, "choose_model": 0.02, "adapted maps": 0.02,
     "Kautz-McCool": 0.02, "Cabral": 0.02, "uniform sampling": 0.1,

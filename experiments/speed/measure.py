@@ -71,7 +71,7 @@ class Measure:
 
     def _evaluation(self, method: Method, material: str, built, normals, views, found):
         """The compiled evaluation; its time and memory go into ``found``."""
-        shapes = str([a.shape for a in jax.tree.leaves(built)])
+        shapes = str([a.shape for a in jax.tree.leaves((built, normals, views))])
         key = (material if method.own else "", method.name + shapes)
         if method.family == "choose_model":  # another kind of model each time
             key = ("", "")
