@@ -20,12 +20,12 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels, check_vectors, in_blocks
+from shjax.arrays import Array, as_float, check_samples, check_vectors, in_blocks
 from shjax.brdf.core import Brdf, Local, by_frame, frames, prepared, transfer_local
 from shjax.brdf.quadrature import kind_of, lobe_angle
 from shjax.convolution import common_channels
-from shjax.harmonics.grid import Grid
-from shjax.sphere import cube_directions, latlong_directions, mirror
+from shjax.reference import panorama_samples
+from shjax.sphere import cube_directions, mirror
 
 _TILE, _BLOCK = 32, 1024
 _matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
@@ -59,18 +59,8 @@ def reference_reflection(
         ValueError: If a shape is wrong, tangents are missing, or ``lobe_energy`` is not
             in (0, 1] or asked for inside ``jit``.
     """
-    if radiance.ndim != 3:
-        raise ValueError(
-            f"radiance must have shape (n_theta, n_phi, C); got {radiance.shape}."
-        )
-    check_channels("radiance", radiance.shape, "n_theta, n_phi, C", 3)
-    n_theta, n_phi, channels = radiance.shape
-    directions = latlong_directions(n_theta, n_phi).reshape(-1, 3)
-    weights = np.repeat(Grid(n_theta, n_phi).weights, n_phi)
     return reference_reflection_samples(
-        radiance.reshape(-1, channels),
-        directions,
-        weights,
+        *panorama_samples(radiance),
         brdf,
         normals,
         views,
@@ -108,21 +98,16 @@ def reference_reflection_samples(
     Raises:
         ValueError: As :func:`reference_reflection`.
     """
-    check_channels("radiance", radiance.shape, "N, C", 2)
+    check_samples(radiance, directions, weights)
     radiance = as_float("radiance", radiance)
-    dtype, n = radiance.dtype, radiance.shape[0]
-    if directions.shape != (n, 3) or weights.shape != (n,):
-        raise ValueError(
-            f"directions and weights must have shapes ({n}, 3) and ({n},); "
-            f"got {directions.shape} and {weights.shape}."
-        )
+    dtype = radiance.dtype
     channels = common_channels(radiance.shape[-1], brdf.channels, "brdf")
     points = {"normals": normals, "views": views}
     if tangents is not None:
         points["tangents"] = tangents
     flat = {}
     for name, vectors in points.items():
-        check_vectors(name, vectors.shape)
+        check_vectors(name, vectors)
         if vectors.shape != normals.shape:
             raise ValueError(
                 f"{name} must have the shape of normals {normals.shape}; got "

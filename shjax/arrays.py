@@ -29,30 +29,70 @@ def as_float(name: str, value) -> jax.Array:
     return jnp.asarray(value, jax.dtypes.canonicalize_dtype(widened))
 
 
-def check_channels(name: str, shape: tuple[int, ...], leading: str, rank: int) -> None:
-    """Refuse an array that lacks its channel axis or one in front of it.
+def shape_of(name: str, array) -> tuple[int, ...]:
+    """The shape of an argument that must be an array, traced or not.
+
+    Raises:
+        ValueError: If it is a list, a number, another library's tensor, ...
+    """
+    if not isinstance(array, jax.Array | np.ndarray):
+        kind = f"{type(array).__module__}.{type(array).__name__}"
+        raise ValueError(
+            f"{name} must be a JAX or NumPy array; got {kind.removeprefix('builtins.')}."
+        )
+    return array.shape
+
+
+def check_channels(name: str, array, leading: str, rank: int) -> None:
+    """Refuse what is no array, or lacks its channel axis or one in front of it.
 
     Args:
         name: The argument's name, for the message.
-        shape: What came.
+        array: What came.
         leading: The axes that must be there, in words such as ``n_theta, n_phi, C``.
         rank: How many of them there are.
 
     Raises:
-        ValueError: If there are fewer axes, or one of them is empty.
+        ValueError: If it is no array, there are fewer axes, or one of them is empty.
     """
+    shape = shape_of(name, array)
     if len(shape) < rank or 0 in shape[len(shape) - rank :]:
         raise ValueError(f"{name} must have shape (..., {leading}); got {shape}.")
 
 
-def check_vectors(name: str, shape: tuple[int, ...]) -> None:
-    """Refuse an array whose last axis is not x, y, z.
+def check_vectors(name: str, array) -> None:
+    """Refuse what is no array, or one whose last axis is not x, y, z.
 
     Raises:
         ValueError: If it is not.
     """
+    shape = shape_of(name, array)
     if not shape or shape[-1] != 3:
         raise ValueError(f"{name} must have shape (..., 3); got {shape}.")
+
+
+def check_samples(radiance, directions, weights, *, batch: bool = False) -> None:
+    """Refuse samples of a light that do not fit each other.
+
+    Args:
+        radiance: ``(N, C)``, or ``(..., N, C)`` with ``batch``.
+        directions: ``(N, 3)``.
+        weights: ``(N,)``.
+        batch: Whether axes in front are allowed.
+
+    Raises:
+        ValueError: If one is no array, or does not have that shape.
+    """
+    check_channels("radiance", radiance, "N, C", 2)
+    if not batch and radiance.ndim != 2:
+        raise ValueError(f"radiance must have shape (N, C); got {radiance.shape}.")
+    n = radiance.shape[-2]
+    fitting = {"directions": (directions, (n, 3)), "weights": (weights, (n,))}
+    for name, (array, shape) in fitting.items():
+        if shape_of(name, array) != shape:
+            raise ValueError(
+                f"{name} must have shape {shape} to fit radiance; got {array.shape}."
+            )
 
 
 def in_blocks(rows: jax.Array, size: int) -> jax.Array:

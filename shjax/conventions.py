@@ -144,7 +144,7 @@ def convert(
     >>> [round(float(c), 3) for c in convert(nine, to="three.js")[:4, 0]]
     [0.0, 2.0, -1.0, 3.0]
     """
-    l_max = degree_of_coefs(coefs.shape)
+    l_max = degree_of_coefs(coefs)
     source, target = _named("from_", from_), _named("to", to)
     if axes is not None:
         if (from_.lower() == "shjax") == (to.lower() == "shjax"):

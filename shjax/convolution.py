@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_vectors
+from shjax.arrays import Array, as_float, check_channels, check_vectors
 from shjax.brdf.core import frames
 from shjax.harmonics import rotate, spread
 from shjax.harmonics.degrees import degree_of_coefs, degrees
@@ -42,7 +42,8 @@ def convolve(
     Raises:
         ValueError: If a shape is wrong.
     """
-    l_max = min(degree_of_coefs(lighting.shape, "lighting"), gains.shape[0] - 1)
+    check_channels("gains", gains, "l_max + 1, C", 2)
+    l_max = min(degree_of_coefs(lighting, "lighting"), gains.shape[0] - 1)
     lighting = as_float("lighting", lighting)[..., : (l_max + 1) ** 2, :]
     channels = common_channels(lighting.shape[-1], gains.shape[-1], "gains")
     column = spread(jnp.asarray(gains, lighting.dtype)[: l_max + 1].T).T
@@ -80,8 +81,8 @@ def reflected_coefs(
     Raises:
         ValueError: If a shape is wrong.
     """
-    l_rho, p_max = orders_of_rho(rho.shape)
-    l_max = min(degree_of_coefs(lighting.shape, "lighting"), l_rho)
+    l_rho, p_max = orders_of_rho(rho)
+    l_max = min(degree_of_coefs(lighting, "lighting"), l_rho)
     channels = common_channels(lighting.shape[-1], rho.shape[-1], "rho")
     lighting = as_float("lighting", lighting)[..., : (l_max + 1) ** 2, None, None, :]
     by_coef = jnp.take(as_float("rho", rho), degrees(l_max), axis=-4)
@@ -115,11 +116,11 @@ def reflect(
     Raises:
         ValueError: If a shape is wrong.
     """
-    l_rho, p_max = orders_of_rho(rho.shape)
-    l_max = min(degree_of_coefs(lighting.shape, "lighting"), l_rho)
+    l_rho, p_max = orders_of_rho(rho)
+    l_max = min(degree_of_coefs(lighting, "lighting"), l_rho)
     channels = common_channels(lighting.shape[-1], rho.shape[-1], "rho")
     for name, vectors in (("directions", directions), ("views", views)):
-        check_vectors(name, vectors.shape)
+        check_vectors(name, vectors)
         if vectors.shape != directions.shape:
             raise ValueError(
                 f"views must have the shape of directions; got {views.shape} and "

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_vectors
+from shjax.arrays import Array, as_float, check_vectors, shape_of
 from shjax.harmonics import evaluate, scale_degrees
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs
 
@@ -87,7 +87,7 @@ def irradiance_coefs(
     Raises:
         ValueError: If the axis before the last is not a square number.
     """
-    kernel = cosine_kernel_table(degree_of_coefs(lighting.shape, "lighting"))
+    kernel = cosine_kernel_table(degree_of_coefs(lighting, "lighting"))
     return scale_degrees(as_float("lighting", lighting), kernel)
 
 
@@ -111,7 +111,7 @@ def irradiance(
     >>> print(f"{irradiance(white, jnp.array([0.0, 0.0, 1.0]))[0]:.4f}")
     3.1416
     """
-    check_vectors("normals", normals.shape)
+    check_vectors("normals", normals)
     return evaluate(irradiance_coefs(lighting), as_float("normals", normals))
 
 
@@ -158,9 +158,9 @@ def irradiance_from_matrix(
     Raises:
         ValueError: If a shape is wrong.
     """
-    if matrix.ndim < 3 or matrix.shape[-3:-1] != (4, 4):
+    if len(shape_of("matrix", matrix)) < 3 or matrix.shape[-3:-1] != (4, 4):
         raise ValueError(f"matrix must have shape (..., 4, 4, C); got {matrix.shape}.")
-    check_vectors("normals", normals.shape)
+    check_vectors("normals", normals)
     matrix = as_float("matrix", matrix)
     normals = as_float("normals", normals).astype(matrix.dtype)
     points = normals.reshape(-1, 3)
@@ -191,7 +191,7 @@ def irradiance_polynomial(
     Raises:
         ValueError: If a shape is wrong.
     """
-    check_vectors("normals", normals.shape)
+    check_vectors("normals", normals)
     nine = _nine("lighting", lighting)
     normals = as_float("normals", normals).astype(nine.dtype)
     c1, c2, c3, c4, c5 = _matrix_constants()
@@ -214,7 +214,7 @@ def irradiance_polynomial(
 
 
 def _nine(name: str, lighting) -> jax.Array:
-    if degree_of_coefs(lighting.shape, name) < 2:
+    if degree_of_coefs(lighting, name) < 2:
         raise ValueError(f"{name} must have shape (..., 9, C); got {lighting.shape}.")
     return as_float(name, lighting)[..., :9, :]
 

@@ -20,7 +20,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array
+from shjax.arrays import Array, shape_of
 from shjax.brdf.core import Brdf, Part
 from shjax.brdf.quadrature import (
     Resolution,
@@ -74,12 +74,13 @@ class BrdfExpansion:
         return self.rho.shape[1] - 1
 
 
-def orders_of_rho(shape: tuple[int, ...], name: str = "rho") -> tuple[int, int]:
+def orders_of_rho(rho: Array, name: str = "rho") -> tuple[int, int]:
     """``(l_max, p_max)`` of coefficients ``(..., l_max + 1, p_max + 1, p_max + 1, C)``.
 
     Raises:
-        ValueError: If they do not have that shape.
+        ValueError: If they are no array or do not have that shape.
     """
+    shape = shape_of(name, rho)
     if len(shape) < 4 or shape[-3] != shape[-2] or 0 in shape[-4:]:
         raise ValueError(
             f"{name} must have shape (..., l_max + 1, p_max + 1, p_max + 1, C); got "

@@ -52,8 +52,8 @@ def lighting_error(
         ValueError: If a shape is wrong, or the truth ends below ``l_max``.
     """
     size = (l_max + 1) ** 2
-    degree_of_coefs(predicted.shape, "predicted")
-    if degree_of_coefs(truth.shape, "truth") < l_max:
+    degree_of_coefs(predicted, "predicted")
+    if degree_of_coefs(truth, "truth") < l_max:
         raise ValueError(f"truth must reach l_max = {l_max}; got {truth.shape}.")
     if predicted.shape[-1] != truth.shape[-1]:
         raise ValueError(

@@ -78,7 +78,7 @@ def coefficients(coefs: Float[Array, "K C"], *, size: int = 128) -> Figure:
         coefs: Coefficients, ``(K, C)``.
         size: Side of each picture, pixels.
     """
-    l_max = degree_of_coefs(coefs.shape)
+    l_max = degree_of_coefs(coefs)
     figure, axes = new_figure(1, l_max + 2, 1.2 * _INCH, 2 * _INCH)
     sides = [
         render.sphere(size, render.Camera(origin=(x, 0.0, 0.0))) for x in (-4.0, 4.0)
@@ -141,7 +141,7 @@ def reflection_maps(maps: Float[Array, "n_theta n_phi Q C"]) -> Figure:
     Args:
         maps: From :func:`shjax.prefilter`.
     """
-    p_max = degree_of_coefs(maps.shape, "maps")
+    p_max = degree_of_coefs(maps, "maps")
     figure, axes = new_figure(p_max + 1, 2 * p_max + 1, 1.2 * _INCH, 0.75 * _INCH)
     for axis in axes.ravel():
         axis.set_axis_off()

@@ -14,7 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels, check_vectors, in_blocks
+from shjax.arrays import (
+    Array,
+    as_float,
+    check_channels,
+    check_samples,
+    check_vectors,
+    in_blocks,
+)
 from shjax.harmonics.grid import Grid
 from shjax.irradiance import irradiance
 from shjax.sphere import fibonacci_directions, latlong_directions
@@ -37,16 +44,24 @@ def reference_irradiance(
     Raises:
         ValueError: If a shape is wrong.
     """
+    return reference_irradiance_samples(*panorama_samples(radiance), normals)
+
+
+def panorama_samples(radiance: Array) -> tuple[Array, np.ndarray, np.ndarray]:
+    """Samples ``(N, C)``, directions and solid angles of a lat-long panorama.
+
+    Raises:
+        ValueError: If it does not have shape ``(n_theta, n_phi, C)``.
+    """
+    check_channels("radiance", radiance, "n_theta, n_phi, C", 3)
     if radiance.ndim != 3:
         raise ValueError(
             f"radiance must have shape (n_theta, n_phi, C); got {radiance.shape}."
         )
-    check_channels("radiance", radiance.shape, "n_theta, n_phi, C", 3)
     n_theta, n_phi, channels = radiance.shape
     directions = latlong_directions(n_theta, n_phi).reshape(-1, 3)
     weights = np.repeat(Grid(n_theta, n_phi).weights, n_phi)
-    flat = radiance.reshape(-1, channels)
-    return reference_irradiance_samples(flat, directions, weights, normals)
+    return radiance.reshape(-1, channels), directions, weights
 
 
 @functools.partial(jax.jit, static_argnames=("tile", "block"))
@@ -78,14 +93,10 @@ def reference_irradiance_samples(
     Raises:
         ValueError: If a shape is wrong.
     """
-    check_vectors("normals", normals.shape)
+    check_samples(radiance, directions, weights)
+    check_vectors("normals", normals)
     radiance = as_float("radiance", radiance)
-    dtype, (n, channels) = radiance.dtype, radiance.shape
-    if directions.shape != (n, 3) or weights.shape != (n,):
-        raise ValueError(
-            f"directions and weights must have shapes ({n}, 3) and ({n},); "
-            f"got {directions.shape} and {weights.shape}."
-        )
+    dtype, channels = radiance.dtype, radiance.shape[-1]
     normals = as_float("normals", normals).astype(dtype)
     flux = radiance * jnp.asarray(weights, dtype)[:, None]
     blocks = (
@@ -141,7 +152,11 @@ def irradiance_error(
     Returns:
         ``mean`` and ``max`` of the error (fractions), and ``ringing``: the smallest value
         of the coefficients' irradiance over its mean, negative where the map rings.
+
+    Raises:
+        ValueError: If a shape is wrong.
     """
+    check_samples(radiance, directions, weights)
     dtype = radiance.dtype
     normals = jnp.asarray(fibonacci_directions(4000), dtype)
     exact = reference_irradiance_samples(radiance, directions, weights, normals)

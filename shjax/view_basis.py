@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shjax.arrays import Array
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
 from shjax.harmonics.orientations import einsum
@@ -215,10 +216,10 @@ def _rotation_matrices(p_max: int, theta: jax.Array) -> jax.Array:
     return jax.vmap(one)(theta)
 
 
-def views_of_maps(shape: tuple[int, ...]) -> HarmonicViews:
+def views_of_maps(maps: Array) -> HarmonicViews:
     """The basis of maps ``(..., Q, C)``.
 
     Raises:
         ValueError: If the axis before the last is not a square number.
     """
-    return HarmonicViews(degree_of_coefs(shape, "maps"))
+    return HarmonicViews(degree_of_coefs(maps, "maps"))

@@ -103,7 +103,7 @@ def dering(lighting: Float[Array, "K C"], *, steps: int = 40) -> Deringed:
         ValueError: If the shape is wrong, or a channel's mean is negative, which no
             window can mend.
     """
-    l_max = degree_of_coefs(lighting.shape, "lighting")
+    l_max = degree_of_coefs(lighting, "lighting")
     lighting = as_float("lighting", lighting)
     if np.any(np.asarray(lighting)[0] < 0):
         raise ValueError("lighting must have a mean >= 0 in every channel.")
@@ -147,7 +147,7 @@ def smallest_irradiance(lighting: Float[Array, "K C"]) -> Float[jax.Array, ""]:
     Raises:
         ValueError: If the shape is wrong.
     """
-    l_max = degree_of_coefs(lighting.shape, "lighting")
+    l_max = degree_of_coefs(lighting, "lighting")
     lighting = as_float("lighting", lighting)
     normals, functions = _scan_table(l_max)
     reflected = irradiance_coefs(lighting)
@@ -201,5 +201,5 @@ def apply_window(lighting: Float[Array, "K C"], name: str) -> Float[jax.Array, "
     if name == "automatic":
         return dering(lighting).lighting
     lighting = as_float("lighting", lighting)
-    gains = window(name, degree_of_coefs(lighting.shape, "lighting"))
+    gains = window(name, degree_of_coefs(lighting, "lighting"))
     return scale_degrees(lighting, gains.astype(lighting.dtype))

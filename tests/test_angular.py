@@ -258,7 +258,7 @@ def _sum(turned, values, rho):
         (lambda: shjax.reference_reflection(np.ones((4, 8, 1)), brdf.kajiya_kay(3.0), np.ones((1, 3)), np.ones((1, 3))), "tangents must be given"),
         (lambda: shjax.reference_reflection(np.ones((4, 8, 1)), brdf.phong(3.0), np.ones((1, 3)), np.ones((1, 3)), lobe_energy=0.0), "lobe_energy must lie"),
         (lambda: jax.jit(lambda n: shjax.reference_reflection(np.ones((4, 8, 1)), brdf.phong(3.0), n, n, lobe_energy=0.9))(np.ones((1, 3))), "does not run in jit"),
-        (lambda: shjax.reference_reflection_samples(np.ones((4, 1)), np.ones((3, 3)), np.ones(4), brdf.phong(3.0), np.ones((1, 3)), np.ones((1, 3))), "directions and weights"),
+        (lambda: shjax.reference_reflection_samples(np.ones((4, 1)), np.ones((3, 3)), np.ones(4), brdf.phong(3.0), np.ones((1, 3)), np.ones((1, 3))), r"directions must have shape \(4, 3\)"),
     ],
 )  # fmt: skip
 def test_wrong_arguments_are_refused(call, message):

@@ -290,7 +290,7 @@ def transfer(
     if tangents is not None:
         given["tangents"] = tangents
     for name, vectors in given.items():
-        check_vectors(name, vectors.shape)
+        check_vectors(name, vectors)
         if vectors.shape != normals.shape:
             raise ValueError(
                 f"{name} must have the shape of normals {normals.shape}; got "

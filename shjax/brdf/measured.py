@@ -240,7 +240,7 @@ def from_samples(
             the surface, or ``order`` or ``ridge`` is out of range.
     """
     for name, vectors in (("lights", lights), ("views", views)):
-        check_vectors(name, vectors.shape)
+        check_vectors(name, vectors)
         if (
             vectors.ndim != 2
             or values.shape[:1] != vectors.shape[:1]

@@ -108,7 +108,7 @@ def convert(
     io.write_coefs(target, coefs, format=format, convention=convention, axes=axes)
     if as_json and not quiet:
         written = {"schema": SCHEMA, "source": str(source), "target": str(target)}
-        written |= {"format": format, "l_max": degree_of_coefs(coefs.shape)}
+        written |= {"format": format, "l_max": degree_of_coefs(coefs)}
         print(json.dumps({**written, "notes": [note for note in notes if note]}))
     elif not quiet:
         for line in (*notes, f"{target}: {coefs.shape[0]} coefficients, {format}"):
@@ -119,7 +119,7 @@ def convert(
 
 def _cut(source: Path, coefs: np.ndarray, l_max: int | None) -> np.ndarray:
     """The coefficients of a file up to a degree that it must have."""
-    known = degree_of_coefs(coefs.shape)
+    known = degree_of_coefs(coefs)
     if l_max is not None and l_max > known:
         raise click.UsageError(f"--l-max must be at most {known}, {source} ends there.")
     return coefs if l_max is None else coefs[: (l_max + 1) ** 2]

@@ -54,7 +54,7 @@ def score(
         raise click.UsageError(
             f"PREDICTED has {guess.shape[-1]} channel(s), TRUTH {exact.shape[-1]}."
         )
-    degree = min(l_max, degree_of_coefs(exact.shape))
+    degree = min(l_max, degree_of_coefs(exact))
     error = metrics.lighting_error(guess, exact, l_max=degree)
     normals = jnp.asarray(fibonacci_directions(2000), exact.dtype)
     over = metrics.irradiance_errors(guess, exact, normals)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels
+from shjax.arrays import Array, as_float, check_channels, shape_of
 
 HIGHEST_DEGREE = 1024
 
@@ -36,13 +36,15 @@ def num_coefs(l_max: int) -> int:
     return (check_l_max(l_max) + 1) ** 2
 
 
-def degree_of_coefs(shape: tuple[int, ...], name: str = "coefs") -> int:
-    """The ``l_max`` of an array of coefficients of this shape, ``(..., K, C)``.
+def degree_of_coefs(coefs: Array, name: str = "coefs") -> int:
+    """The ``l_max`` of coefficients ``(..., K, C)``.
 
     Raises:
-        ValueError: If the axis before the last is not a square number.
+        ValueError: If they are no array, or the axis before the last is not a square
+            number.
     """
-    check_channels(name, shape, "K, C", 2)
+    check_channels(name, coefs, "K, C", 2)
+    shape = coefs.shape
     l_max = math.isqrt(shape[-2]) - 1
     if (l_max + 1) ** 2 != shape[-2]:
         raise ValueError(
@@ -84,8 +86,13 @@ def spread(gains: Float[Array, "*batch L"]) -> Float[jax.Array, "*batch K"]:
 
     Returns:
         One factor a coefficient, ``(..., (l_max + 1)^2)``.
+
+    Raises:
+        ValueError: If ``gains`` is no array.
     """
-    return jnp.take(jnp.asarray(gains), degrees(gains.shape[-1] - 1), axis=-1)
+    return jnp.take(
+        jnp.asarray(gains), degrees(shape_of("gains", gains)[-1] - 1), axis=-1
+    )
 
 
 def scale_degrees(
@@ -103,8 +110,8 @@ def scale_degrees(
     Raises:
         ValueError: If ``gains`` does not have one entry a degree.
     """
-    l_max = degree_of_coefs(coefs.shape)
-    if gains.shape != (l_max + 1,):
+    l_max = degree_of_coefs(coefs)
+    if shape_of("gains", gains) != (l_max + 1,):
         raise ValueError(
             f"gains must have shape ({l_max + 1},) for l_max={l_max}; got {gains.shape}."
         )

@@ -47,7 +47,7 @@ def basis(
     >>> [f"{y:.6f}" for y in basis(jnp.array([0.0, 0.0, 1.0]), l_max=1)]
     ['0.282095', '0.000000', '0.488603', '0.000000']
     """
-    check_vectors("directions", directions.shape)
+    check_vectors("directions", directions)
     l_max = check_l_max(l_max)
     directions = as_float("directions", directions)
     points = directions.reshape(-1, 3)
@@ -75,8 +75,8 @@ def evaluate(
     Raises:
         ValueError: If a shape is wrong.
     """
-    l_max = degree_of_coefs(coefs.shape)
-    check_vectors("directions", directions.shape)
+    l_max = degree_of_coefs(coefs)
+    check_vectors("directions", directions)
     return _evaluate(
         as_float("coefs", coefs), as_float("directions", directions), l_max=l_max
     )

@@ -18,7 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
+from shjax.arrays import Array, as_float, shape_of
 from shjax.harmonics import wigner
 from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
 
@@ -55,8 +55,8 @@ def rotate(
     Raises:
         ValueError: If a shape is wrong, or a matrix is not orthogonal to 1e-4.
     """
-    l_max = degree_of_coefs(coefs.shape)
-    if rotation.shape[-2:] != (3, 3):
+    l_max = degree_of_coefs(coefs)
+    if shape_of("rotation", rotation)[-2:] != (3, 3):
         raise ValueError(f"rotation must have shape (..., 3, 3); got {rotation.shape}.")
     coefs = as_float("coefs", coefs)
     matrix = as_float("rotation", rotation)
@@ -84,7 +84,7 @@ def _check_orthogonal(matrix: jax.Array) -> None:
 
 @jax.jit
 def _rotate(coefs: jax.Array, matrix: jax.Array) -> jax.Array:
-    l_max = degree_of_coefs(coefs.shape)
+    l_max = degree_of_coefs(coefs)
     vectors, frequencies = wigner.tables(l_max)
     l, m = degrees(l_max), orders(l_max)
     slots = (l * 2 + (m < 0)) * (l_max + 1) + np.abs(m)
@@ -102,7 +102,7 @@ def _rotate(coefs: jax.Array, matrix: jax.Array) -> jax.Array:
 
 def _rotate_by_degree(coefs: jax.Array, matrix: jax.Array) -> jax.Array:
     """One degree after the other, so that one degree's table is all that is held."""
-    size = degree_of_coefs(coefs.shape) + 1
+    size = degree_of_coefs(coefs) + 1
     turned = jnp.zeros_like(coefs)
     for l in range(size):
         tables = _Tables(

@@ -33,7 +33,7 @@ def power_spectrum(
     >>> power_spectrum(jnp.ones((9, 1)))[:, 0].tolist()
     [1.0, 3.0, 5.0]
     """
-    l_max = degree_of_coefs(coefs.shape)
+    l_max = degree_of_coefs(coefs)
     squares = jnp.moveaxis(as_float("coefs", coefs) ** 2, -2, 0)
     sums = jnp.zeros((l_max + 1, *squares.shape[1:]), squares.dtype)
     return jnp.moveaxis(sums.at[degrees(l_max)].add(squares), 0, -2)
@@ -57,9 +57,7 @@ def multiply(
     Raises:
         ValueError: If a shape is wrong or the two do not fit each other.
     """
-    l_max = degree_of_coefs(first.shape, "first") + degree_of_coefs(
-        second.shape, "second"
-    )
+    l_max = degree_of_coefs(first, "first") + degree_of_coefs(second, "second")
     if first.shape[:-2] != second.shape[:-2] or first.shape[-1] != second.shape[-1]:
         raise ValueError(
             "first and second must have the same batch and channels; got "

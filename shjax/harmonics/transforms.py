@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels, in_blocks
+from shjax.arrays import Array, as_float, check_channels, check_samples, in_blocks
 from shjax.harmonics import phi_first, theta_first
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs
 from shjax.harmonics.evaluation import basis
@@ -54,7 +54,7 @@ def analyze(
     >>> print(f"{analyze(jnp.ones((5, 8, 1)), l_max=0)[0, 0]:.4f}")  # sqrt(4 pi)
     3.5449
     """
-    check_channels("radiance", radiance.shape, "n_theta, n_phi, C", 3)
+    check_channels("radiance", radiance, "n_theta, n_phi, C", 3)
     l_max = check_l_max(l_max)
     grid = make_grid(radiance.shape[-3], radiance.shape[-2], quadrature)
     check_resolution(grid, l_max)
@@ -119,7 +119,7 @@ def synthesize(
         ValueError: If the axis before the last of ``coefs`` is not a square number, or a
             size is not positive.
     """
-    l_max = degree_of_coefs(coefs.shape)
+    l_max = degree_of_coefs(coefs)
     grid = make_grid(n_theta, n_phi, quadrature)
     return _synthesize(as_float("coefs", coefs), grid=grid, l_max=l_max)
 
@@ -153,14 +153,8 @@ def project_samples(
     Raises:
         ValueError: If the shapes do not fit each other.
     """
-    check_channels("radiance", radiance.shape, "N, C", 2)
+    check_samples(radiance, directions, weights, batch=True)
     n, l_max = radiance.shape[-2], check_l_max(l_max)
-    if directions.shape != (n, 3):
-        raise ValueError(
-            f"directions must have shape ({n}, 3); got {directions.shape}."
-        )
-    if weights.shape != (n,):
-        raise ValueError(f"weights must have shape ({n},); got {weights.shape}.")
     radiance = as_float("radiance", radiance)
     directions = as_float("directions", directions).astype(radiance.dtype)
     weights = as_float("weights", weights).astype(radiance.dtype)

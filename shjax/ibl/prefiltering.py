@@ -133,7 +133,7 @@ def prefilter_light(
         raise ValueError(f"max_lights must be >= 0; got {max_lights}.")
     if not isinstance(envmap_or_lighting, EnvironmentMap):
         coefs = as_float("envmap_or_lighting", envmap_or_lighting)
-        degree_of_coefs(coefs.shape, "envmap_or_lighting")
+        degree_of_coefs(coefs, "envmap_or_lighting")
         return _prefiltered(coefs, coefs, _no_lights(coefs), maps=maps)
     envmap = envmap_or_lighting
     whole = _coefs(envmap)
@@ -184,7 +184,7 @@ def _one_light(
 ) -> PrefilteredLight:
     whole, rest = (a[: (DEGREES[-1] + 1) ** 2] for a in (whole, rest))
     channels, fit = rest.shape[-1], family(maps)
-    held = degree_of_coefs(rest.shape)
+    held = degree_of_coefs(rest)
     texels = []
     for level in range(LEVELS):
         degree = min(DEGREES[level], held)

@@ -70,7 +70,7 @@ def shade(
     if not isinstance(light, PrefilteredLight):
         raise ValueError("light must be what prefilter_light made of a light.")
     for name, vectors in (("normals", normals), ("views", views)):
-        check_vectors(name, vectors.shape)
+        check_vectors(name, vectors)
     if normals.shape != views.shape:
         raise ValueError(
             f"views must have the shape of normals {normals.shape}; got {views.shape}."

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 
-from shjax.arrays import as_float
+from shjax.arrays import as_float, shape_of
 from shjax.inverse.rows import cosine_rows
 from shjax.inverse.surfaces import make_surface
 
@@ -30,7 +30,7 @@ def unknown_albedo(image, normals, mask, brdf, rows, l_max: int) -> jax.Array:
     Raises:
         ValueError: If the surface is not matte, or there are not several pictures of it.
     """
-    points = image.shape[1:-1]
+    points = shape_of("image", image)[1:-1]
     if brdf is not None or rows is not None or normals is None:
         raise ValueError("albedo None is for a matte surface with normals.")
     if image.ndim < 3 or image.shape[0] < 2 or normals.shape != (*points, 3):

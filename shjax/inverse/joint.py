@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from shjax.arrays import Array
+from shjax.arrays import Array, shape_of
 from shjax.estimate import Estimate
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import check_l_max, degrees
@@ -88,7 +88,7 @@ def estimate_joint(
         ValueError: If shapes do not fit, or a name is unknown.
     """
     check_l_max(l_max)
-    count = images.shape[0]
+    count = shape_of("images", images)[0]
     numbers = np.zeros(count, int) if lights is None else np.asarray(lights, int)
     kinds = np.unique(numbers)
     if numbers.shape != (count,) or not np.array_equal(kinds, np.arange(len(kinds))):

@@ -22,7 +22,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float
 
-from shjax.arrays import Array
+from shjax.arrays import Array, shape_of
 from shjax.brdf import Brdf
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import check_l_max, degrees
@@ -131,7 +131,9 @@ def estimate_lighting(
         image, albedo = side_by_side(image, found_albedo)
         if clipped is not None:
             clipped = jnp.moveaxis(jnp.asarray(clipped), 0, -2).reshape(image.shape)
-    if balance and (image.ndim < 3 or loss != "squares" or clipped is not None):
+    if balance and (
+        len(shape_of("image", image)) < 3 or loss != "squares" or clipped is not None
+    ):
         raise ValueError(
             "balance needs pictures (V, *points, C), loss 'squares' and clipped None; got "
             f"shape {image.shape}, {loss!r}."

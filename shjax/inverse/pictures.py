@@ -77,7 +77,7 @@ def flatten(image, seen, mask, albedo) -> Pixels:
     Raises:
         ValueError: If shapes do not fit, or an unmasked pixel is not finite.
     """
-    check_channels("image", image.shape, "C", 1)
+    check_channels("image", image, "C", 1)
     image = as_float("image", image)
     points, dtype = image.shape[:-1], image.dtype
     weights = jnp.asarray(seen, dtype)

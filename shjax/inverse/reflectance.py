@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from shjax.arrays import Array, as_float
+from shjax.arrays import Array, as_float, shape_of
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs
 from shjax.inverse.coefficients import estimate_coefficients
@@ -79,7 +79,7 @@ def estimate_brdf(
         image, normals, views, mask, albedo, least_cosine
     )
     dtype, channels = pixels.image.dtype, pixels.image.shape[-1]
-    highest = degree_of_coefs(lighting.shape, "lighting")
+    highest = degree_of_coefs(lighting, "lighting")
     if lighting.shape[-1] not in (1, channels):
         raise ValueError(
             f"lighting must have one channel or image's {channels}; got "
@@ -111,9 +111,9 @@ def check_pictures(
     image, normals, views, mask, albedo, least_cosine
 ) -> tuple[Pixels, Array, Array]:
     """Flat pixels, normals and views, of those that face the viewer."""
-    points = image.shape[:-1]
+    points = shape_of("image", image)[:-1]
     for name, vectors in (("normals", normals), ("views", views)):
-        if vectors.shape != (*points, 3):
+        if shape_of(name, vectors) != (*points, 3):
             raise ValueError(
                 f"{name} must have shape {(*points, 3)} to fit image; got "
                 f"{vectors.shape}."

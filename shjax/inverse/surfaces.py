@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.arrays import as_float
+from shjax.arrays import as_float, shape_of
 from shjax.brdf import Brdf
 from shjax.inverse.glossy import glossy_rows, table_to
 from shjax.inverse.pictures import Pixels, check_unit, flatten
@@ -39,7 +39,7 @@ def make_surface(image, normals, mask, albedo, brdf, views, least_cosine, rows):
     Raises:
         ValueError: If it describes nothing, two things, or shapes do not fit.
     """
-    points = image.shape[:-1]
+    points = shape_of("image", image)[:-1]
     if rows is not None:
         if normals is not None or brdf is not None:
             raise ValueError("rows stand in place of normals and brdf; give only them.")
@@ -48,7 +48,7 @@ def make_surface(image, normals, mask, albedo, brdf, views, least_cosine, rows):
         return Surface(pixels, rows=flat.reshape(-1, *rows.shape[len(points) :]))
     if normals is None:
         raise ValueError("normals must be given, or rows.")
-    parts = normals.ndim == len(points) + 2
+    parts = len(shape_of("normals", normals)) == len(points) + 2
     shapes = [(*points, 3), (*points, normals.shape[-2], 3) if parts else None]
     if normals.shape not in shapes:
         raise ValueError(
@@ -81,7 +81,7 @@ def _check_glossy(image, brdf: Brdf, views, parts: bool) -> None:
     if parts:
         raise ValueError("normals of parts serve matte surfaces only; got a brdf too.")
     expected = (*image.shape[:-1], 3)
-    if views is None or views.shape != expected:
+    if views is None or shape_of("views", views) != expected:
         raise ValueError(
             f"views must have shape {expected} with brdf; got "
             f"{None if views is None else views.shape}."

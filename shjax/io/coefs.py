@@ -34,7 +34,7 @@ _LINE = re.compile(
 
 
 def _rows(values: np.ndarray):
-    l_max = degree_of_coefs(values.shape)
+    l_max = degree_of_coefs(values)
     return zip(degrees(l_max).tolist(), orders(l_max).tolist(), values, strict=True)
 
 
@@ -110,7 +110,7 @@ def _csv(values: np.ndarray, convention: str) -> str:
 def _own(values: np.ndarray, convention: str) -> str:
     body = {
         "schema": SCHEMA,
-        "l_max": degree_of_coefs(values.shape),
+        "l_max": degree_of_coefs(values),
         "convention": convention,
         "coefficients": values.tolist(),
     }
@@ -211,7 +211,7 @@ def read_coefs(
         whole = path.read_text(encoding="utf-8")
         parse = _parse_json if text.startswith(b"{") else _parse_cmgen
         values, convention, axes = parse(whole)
-        degree_of_coefs(values.shape, "coefficients")
+        degree_of_coefs(values, "coefficients")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: damaged coefficients ({error}).") from None
     if not np.all(np.isfinite(values)):
@@ -240,7 +240,7 @@ def _parse_json(text: str) -> tuple[np.ndarray, str, np.ndarray | None]:
 
 def _parse_cmgen(text: str) -> tuple[np.ndarray, str, None]:
     lines = list(filter(None, map(str.strip, text.splitlines())))
-    l_max = degree_of_coefs((len(lines), 3), "sh.txt")
+    l_max = degree_of_coefs(np.empty((len(lines), 3)), "sh.txt")
     values, comments = [], set()
     # By place: the name of (10, 0), L100, could also be that of (1, 0) and a 0.
     places = zip(lines, degrees(l_max), orders(l_max), strict=True)

@@ -70,7 +70,7 @@ def read_brdf_coefs(path: str | os.PathLike) -> BrdfExpansion:
             f"{path}: must be {FORMAT} version {VERSION}; got {about.get('format')} "
             f"{about.get('version')}."
         )
-    l_max, _ = orders_of_rho(arrays["rho"].shape)
+    l_max, _ = orders_of_rho(arrays["rho"])
     channels = arrays["rho"].shape[-1]
     if arrays["degree_energy"].shape != (l_max + 1, channels):
         raise ValueError(f"{path}: its energies do not fit its coefficients.")

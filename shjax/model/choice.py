@@ -86,7 +86,7 @@ def choose_model(
         if best is not None and best.error <= rms_error:
             break
     if best is None or known is None:
-        raise ValueError(f"max_bytes={max_bytes} is too small for any model.")
+        raise ValueError(f"max_bytes must be enough for a model; got {max_bytes}.")
     lights = None
     if best.lights and light.lights is not None:
         lights = jax.tree.map(lambda a: a[: best.lights], light.lights)
@@ -103,7 +103,7 @@ def _check(light: Light, rms_error: float, energies: Energies | None) -> int:
             "lighting must be an environment map or finite coefficients (K, C); got "
             f"shape {light.coefs.shape}."
         )
-    l_light = degree_of_coefs(light.coefs.shape, "lighting")
+    l_light = degree_of_coefs(light.coefs, "lighting")
     if energies is not None and energies.rho.shape[0] <= l_light:
         raise ValueError(
             f"energies must reach the light's degree {l_light}; they end at "
@@ -145,7 +145,7 @@ def _cheapest(
     Errors are those of the light in ``coefs``, which is without so many small lights,
     relative to what the whole one gives.
     """
-    l_light = degree_of_coefs(coefs.shape)
+    l_light = degree_of_coefs(coefs)
 
     def weights(light: jax.Array) -> np.ndarray:
         spectrum = np.asarray(power_spectrum(light), np.float64)

@@ -75,7 +75,7 @@ def prepare_light(lighting: EnvironmentMap | Float[Array, "K C"]) -> Light:
     strongest = np.argsort(-np.sum(np.asarray(lights.flux), axis=-1), stable=True)
     lights = jax.tree.map(lambda a: jnp.asarray(a, coefs.dtype)[strongest], lights)
     one_by_one = jax.tree.map(lambda a: a[:, None], lights)
-    degree = degree_of_coefs(coefs.shape)
+    degree = degree_of_coefs(coefs)
     each = jax.vmap(lambda one: cap_coefs(one, l_max=degree))(one_by_one)
     later = jnp.cumsum(each[::-1], axis=0)[::-1] - each
     return Light(coefs, lights, light_coefs(rest)[None] + later)

@@ -196,7 +196,7 @@ class Model:
 
     def _panorama(self, radiance) -> Array:
         if radiance is None:
-            rows = max(2 * degree_of_coefs(self.lighting.shape) + 2, _CHECK_ROWS)
+            rows = max(2 * degree_of_coefs(self.lighting) + 2, _CHECK_ROWS)
             return synthesize(self.lighting, n_theta=rows, n_phi=2 * rows)
         if isinstance(radiance, EnvironmentMap):
             small = radiance.layout == "latlong" and len(radiance.image) <= _CHECK_ROWS

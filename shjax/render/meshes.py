@@ -251,7 +251,7 @@ def visibility(
     Raises:
         ValueError: If the shape is wrong.
     """
-    check_vectors("directions", directions.shape)
+    check_vectors("directions", directions)
     towards = np.asarray(directions, float).reshape(-1, 3)
     rows, columns = np.nonzero(np.asarray(trace.gbuffer.mask) > 0)
     points = trace.positions[rows, columns]

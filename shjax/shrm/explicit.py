@@ -39,7 +39,7 @@ def dynamic_map(
     Raises:
         ValueError: If a shape is wrong.
     """
-    basis = views_of_maps(maps.shape)
+    basis = views_of_maps(maps)
     if view.shape != (3,):
         raise ValueError(f"view must have shape (3,); got {view.shape}.")
     maps = as_float("maps", maps)
@@ -76,7 +76,7 @@ def view_maps(
     Raises:
         ValueError: If a shape is wrong.
     """
-    check_vectors("views", views.shape)
+    check_vectors("views", views)
     flat = as_float("views", views).reshape(-1, 3)
     if flat.shape[0] == 0:
         raise ValueError(f"views must hold at least one vector; got {views.shape}.")
@@ -112,7 +112,7 @@ def azimuthal_texture(
     Raises:
         ValueError: If ``theta_o`` is not a list of angles.
     """
-    basis, maps = views_of_maps(maps.shape), as_float("maps", maps)
+    basis, maps = views_of_maps(maps), as_float("maps", maps)
     if theta_o.ndim != 1:
         raise ValueError(f"theta_o must have shape (T,); got {theta_o.shape}.")
     theta = as_float("theta_o", theta_o).astype(maps.dtype)

@@ -73,13 +73,13 @@ def prefilter(
     lighting, rho = _checked(lighting, rho, frame)
     degree = _degree(lighting, rho)
     if frame == "global":
-        degree += orders_of_rho(rho.shape)[1]
+        degree += orders_of_rho(rho)[1]
     rows, columns = default_size(degree)
     n_theta = rows if n_theta is None else n_theta
     n_phi = (columns if n_theta == rows else 2 * n_theta) if n_phi is None else n_phi
     if n_theta < 1 or n_phi < 1:
         raise ValueError(f"n_theta, n_phi must be positive; got {n_theta}, {n_phi}.")
-    views = HarmonicViews(orders_of_rho(rho.shape)[1])
+    views = HarmonicViews(orders_of_rho(rho)[1])
     return prefilter_in(views, lighting, rho, n_theta=n_theta, n_phi=n_phi, frame=frame)
 
 
@@ -112,13 +112,13 @@ def prefilter_cube(
 
 
 def _degree(lighting: jax.Array, rho: jax.Array) -> int:
-    return min(degree_of_coefs(lighting.shape), orders_of_rho(rho.shape)[0])
+    return min(degree_of_coefs(lighting), orders_of_rho(rho)[0])
 
 
 def _checked(lighting, rho, frame: str) -> tuple[jax.Array, jax.Array]:
     check_frame(frame)
-    orders_of_rho(rho.shape)
-    degree_of_coefs(lighting.shape, "lighting")
+    orders_of_rho(rho)
+    degree_of_coefs(lighting, "lighting")
     common_channels(lighting.shape[-1], rho.shape[-1], "rho")
     lighting = as_float("lighting", lighting)
     rho = as_float("rho", rho).astype(lighting.dtype)
@@ -194,7 +194,7 @@ def prefilter_kernels(
 @functools.partial(jax.jit, static_argnames=("size", "frame"))
 def _prefilter_cube(lighting, rho, *, size: int, frame: str) -> jax.Array:
     directions = cube_directions(size).reshape(-1, 3)
-    views = HarmonicViews(orders_of_rho(rho.shape)[1])
+    views = HarmonicViews(orders_of_rho(rho)[1])
     theta, phi = (jnp.asarray(a, lighting.dtype) for a in _angles(directions))
 
     def one(light, kernels):

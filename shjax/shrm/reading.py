@@ -59,9 +59,9 @@ def radiance(
             "maps must have shape (n_theta, n_phi, Q, C) with n_phi even; got "
             f"{maps.shape}."
         )
-    basis = views_of_maps(maps.shape)
+    basis = views_of_maps(maps)
     for name, vectors in (("directions", directions), ("views", views)):
-        check_vectors(name, vectors.shape)
+        check_vectors(name, vectors)
         if vectors.shape != directions.shape:
             raise ValueError(
                 f"views must have the shape of directions; got {views.shape} and "

@@ -1,0 +1,67 @@
+"""Every public function says so where an argument is not an array."""
+
+import inspect
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import shjax
+
+SIZES = {
+    "K": 9, "K1": 9, "K2": 9, "C": 3, "D": 3, "L": 3, "P": 2, "N": 4, "V": 2, "H": 8,
+    "W": 16, "n_theta": 8, "n_phi": 16,
+}  # fmt: skip
+CHOICES = {
+    "l": 2, "l_max": 1, "p_max": 1, "n_theta": 8, "n_phi": 16, "rms_error": 0.1, "energy_error": 0.1, "model": "radial",
+    "albedo": 0.5, "roughness": 0.5,
+}  # fmt: skip
+
+
+def _given(parameter):
+    """An argument by its annotation: an array of the shape that this names."""
+    text = str(parameter.annotation)
+    found = re.match(r"(?:\w+ \| )*Float\[Array, ('[^']*'|\.\.\.)\]", text)
+    if found:
+        named = "3" if found[1] == "..." else found[1].strip("'")
+        sizes = [SIZES.get(n, n) for n in named.split() if not n.startswith("*")]
+        array = np.ones([int(n) for n in sizes], np.float32)
+        return array / np.sqrt(array.shape[-1]) if array.ndim else array  # unit vectors
+    if parameter.name == "brdf":
+        return shjax.brdf.lambertian()
+    if parameter.name == "expansion":
+        return shjax.expand_brdf(shjax.brdf.lambertian(), l_max=2, p_max=1)
+    if parameter.name == "lights":
+        return shjax.lights.cap_light(jnp.eye(3)[2], 0.1, jnp.ones(3))
+    if parameter.name == "light":
+        return shjax.prefilter_light(np.ones((9, 3), np.float32), maps=4, max_lights=0)
+    return CHOICES[parameter.name]
+
+
+def _arrays():
+    for name in dir(shjax):
+        function = getattr(shjax, name)
+        if inspect.isfunction(inspect.unwrap(function)) and name[0] != "_":
+            parameters = inspect.signature(function).parameters.values()
+            needed = [p for p in parameters if p.default is p.empty]
+            for one in needed:
+                if "Float[" in str(one.annotation):
+                    yield pytest.param(function, needed, one, id=f"{name}-{one.name}")
+
+
+def _refusal(function, given) -> str | None:
+    try:
+        function(**given)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+@pytest.mark.parametrize(("function", "needed", "one"), list(_arrays()))
+@pytest.mark.usefixtures("as_a_user")
+def test_a_list_serves_or_is_refused_by_name(function, needed, one):
+    given = {p.name: _given(p) for p in needed}
+    given[one.name] = given[one.name].tolist()
+    said = f"{one.name} must be a JAX or NumPy array; got list."
+    assert _refusal(function, given) in (None, said)
