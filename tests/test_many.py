@@ -13,7 +13,7 @@ import OpenImageIO as oiio
 import pytest
 
 from shjax import io
-from shjax.cli.many import expand, output_names
+from shjax.cli.many import expand, output_names, stamp
 from shjax.display import tone_map
 from shjax.io.writing import protecting, replacing
 from tests.helpers import relative_error
@@ -250,3 +250,8 @@ def test_half_is_clipped_where_it_ends(tmp_path):
     assert np.all(io.read_image(tmp_path / "a.exr") == 65504)
     with pytest.raises(ValueError, match="compression must be one of"):
         io.write_image(tmp_path / "a.exr", image, compression="best")
+
+
+def test_a_file_that_is_missing_is_named_first(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"^.*missing\.exr: No such file"):
+        stamp(tmp_path / "missing.exr")

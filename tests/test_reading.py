@@ -80,6 +80,70 @@ def test_alpha(tmp_path):
         io.read_image(path, alpha="keep")
 
 
+@pytest.mark.parametrize(
+    ("name", "multiplied", "kind"),
+    [("a.png", False, "uint8"), ("a.tif", False, "uint8"), ("b.tif", True, "float")],
+)
+def test_alpha_of_other_formats(tmp_path, rng, name, multiplied, kind):
+    # A PNG's colours, and an unassociated TIFF's, are read as they are stored.
+    colours = rng.uniform(0.2, 1, (4, 8, 3)).astype(np.float32)
+    cover = np.full((4, 8, 1), 0.5, np.float32)
+    stored = colours * cover if multiplied else colours
+    spec = oiio.ImageSpec(8, 4, 4, kind)
+    spec.attribute("oiio:UnassociatedAlpha", int(not multiplied))
+    target = oiio.ImageOutput.create(str(tmp_path / name))
+    assert target.open(str(tmp_path / name), spec)
+    target.write_image(np.concatenate([stored, cover], axis=-1))
+    target.close()
+    if kind == "uint8":
+        stored = colours = colour.decode_srgb(np.round(colours * 255) / 255)
+    for alpha, expected in (("drop", stored), ("unpremultiply", colours)):
+        read = io.read_envmap(tmp_path / name, alpha=alpha)
+        np.testing.assert_allclose(read.image, expected, rtol=1e-4, err_msg=alpha)
+        divided = multiplied and alpha == "unpremultiply"
+        assert ("divided by alpha" if divided else "alpha dropped") in str(read.report)
+
+
+def test_any_program_may_have_written_a_radiance_picture(tmp_path):
+    path = tmp_path / "a.hdr"
+    head = b"#?%s\nEXPOSURE=4\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n"
+    images = []
+    for program in (b"RADIANCE", b"AUTOPANO"):
+        path.write_bytes(head % program + bytes((100, 50, 20, 130)) * 2)
+        images.append(io.read_image(path))
+    np.testing.assert_array_equal(*images)
+    np.testing.assert_allclose(images[1][0, 0], [0.3926, 0.1973, 0.0801], rtol=1e-3)
+
+
+def test_comments_in_a_pfm(tmp_path):
+    path = tmp_path / "a.pfm"
+    numbers = np.arange(6, dtype="<f4")
+    path.write_bytes(b"PF\n# one\n# 3 x\n2 1\n#two\n-1\n" + numbers.tobytes())
+    np.testing.assert_array_equal(io.read_image(path).ravel(), numbers)
+
+
+def test_channels_that_are_left_out_are_said(tmp_path):
+    for count, words in (
+        (2, "the first of 2"),
+        (4, "the first 3 of 4"),
+        (3, "float32,"),
+    ):
+        np.save(tmp_path / "a.npy", np.ones((4, 8, count), np.float32))
+        assert words in str(io.read_envmap(tmp_path / "a.npy").report)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_beyond_float32_and_single_pixels(tmp_path):
+    np.save(tmp_path / "a.npy", np.full((4, 8), 1e39))
+    with pytest.raises(
+        ValueError, match="32 values are NaN, infinite or beyond float32"
+    ):
+        io.read_envmap(tmp_path / "a.npy")
+    np.save(tmp_path / "a.npy", np.ones((1, 1)))
+    _, _, weights = io.read_envmap(tmp_path / "a.npy").samples()
+    np.testing.assert_allclose(np.sum(weights), 4 * np.pi, rtol=1e-6)
+
+
 def test_luminance_only(tmp_path):
     path = tmp_path / "a.exr"
     OpenEXR.File({}, {"Y": picture()[..., 1].copy()}).write(str(path))
@@ -247,7 +311,7 @@ def hostile(folder):
         "kind.hdr": (b"#?RADIANCE\nFORMAT=32-bit_rle_cmyk\n\n-Y 1 +X 2\n12345678", "FORMAT="),
         "huge.hdr": (b"#?RADIANCE\n\n-Y 99999999 +X 99999999\n", "the limit is"),
         "claims.hdr": (b"#?RADIANCE\n\n-Y 16000 +X 16000\n\2\2", "fewer bytes"),
-        "none.hdr": (b"#?RADIANCE\n\n-Y 0 +X 5\n", "the limit is"),
+        "none.hdr": (b"#?RADIANCE\n\n-Y 0 +X 5\n", "it is empty"),
         "exposure.hdr": (b"#?RADIANCE\nEXPOSURE=much\n\n-Y 1 +X 1\n1234", "EXPOSURE=much"),
         "dark.hdr": (b"#?RADIANCE\nEXPOSURE=0\n\n-Y 1 +X 1\n1234", "not positive"),
         "gamma.hdr": (b"#?RADIANCE\nGAMMA=-1\n\n-Y 1 +X 1\n1234", "GAMMA"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from shjax.io.reading import SUFFIXES, cube_faces
+from shjax.io.reading import SUFFIXES, cube_faces, naming
 
 
 def expand(paths: list[Path]) -> list[Path]:
@@ -68,7 +68,8 @@ def stamp(path: Path) -> list:
     """
     if path.is_dir():
         return [stamp(entry) for entry in sorted(path.iterdir()) if entry.is_file()]
-    found = os.stat(path)
+    with naming(path):
+        found = os.stat(path)
     return [found.st_size, found.st_mtime_ns]
 
 

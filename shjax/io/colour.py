@@ -95,3 +95,9 @@ def decode_srgb(encoded: np.ndarray) -> np.ndarray:
     """The inverse of :func:`encode_srgb`."""
     curve = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
     return np.where(encoded <= 0.04045, encoded / 12.92, curve)
+
+
+def divided_by_alpha(values: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Colours ``(..., C)`` over their alpha ``(...)``; as they are where that is 0."""
+    alpha = alpha[..., None]
+    return np.where(alpha > 0, values / np.where(alpha > 0, alpha, 1), values)

@@ -39,7 +39,8 @@ class Decoded:
         step = max(_BAND // (width * channels), 1)
         for start in range(0, height, step):
             stop = min(start + step, height)
-            band = np.ascontiguousarray(self.rows(start, stop), np.float32)
+            with np.errstate(over="ignore"):  # beyond float32: infinite, and counted so
+                band = np.ascontiguousarray(self.rows(start, stop), np.float32)
             if band.shape != (stop - start, width, channels):
                 raise ValueError("damaged or cut off in its pixels")
             yield slice(start, stop), band
@@ -62,6 +63,14 @@ def from_array(image: np.ndarray, kind: str, layout: str | None = None) -> Decod
     )
 
 
+def colour_channels(image: np.ndarray) -> tuple[np.ndarray, str]:
+    """The first three channels, or the first of two; and what was left out, in words."""
+    count = image.shape[-1]
+    kept = 1 if count < 3 else 3
+    left = "" if kept == count else f", the first {kept} of {count} channels"
+    return image[..., :kept], left.replace("the first 1 of", "the first of")
+
+
 def check_size(size: Iterable[int] | np.ndarray, max_pixels: int) -> None:
     """Refuse what is empty or larger than the limit, before it is decoded.
 
@@ -69,7 +78,9 @@ def check_size(size: Iterable[int] | np.ndarray, max_pixels: int) -> None:
         ValueError: Without the file's name, which the caller puts before it.
     """
     height, width = (int(n) for n in size)
-    if height < 1 or width < 1 or height * width > max_pixels:
+    if height < 1 or width < 1:
+        raise ValueError(f"{width} x {height} pixels: it is empty")
+    if height * width > max_pixels:
         raise ValueError(f"{width} x {height} pixels; the limit is {max_pixels}")
 
 

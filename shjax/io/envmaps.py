@@ -159,8 +159,8 @@ def _refuse(found: _Invalid) -> None:
     if found.first is not None:
         row, column, channel = found.first
         raise ValueError(
-            f"{found.non_finite} values are NaN or infinite, the first at row "
-            f"{row}, column {column}, channel {channel} (counted from 0); "
+            f"{found.non_finite} values are NaN, infinite or beyond float32, the first at "
+            f"row {row}, column {column}, channel {channel} (counted from 0); "
             f"invalid='clamp' or 'zero' (--invalid) reads it all the same."
         )
     if found.share > NEGATIVE_ENERGY_LIMIT:

@@ -226,8 +226,9 @@ def _mixed(planes, held, names, weights, matrix, alpha: str) -> np.ndarray:
         if matrix is not None:
             values = values @ matrix.T.astype(np.float32)
         if alpha == "unpremultiply" and "A" in planes:
-            cover = planes["A"][held].astype(np.float32)[..., None]
-            values = np.where(cover > 0, values / np.where(cover > 0, cover, 1), values)
+            values = colour.divided_by_alpha(
+                values, planes["A"][held].astype(np.float32)
+            )
     return values
 
 

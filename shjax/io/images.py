@@ -37,8 +37,9 @@ def read_image(
             ny, pz, nz (or right, left, top, bottom, front, back), which are stacked.
         max_pixels: Larger images are refused before they are decoded.
         layer: Name of a part or layer of an EXR; default the first in colour.
-        alpha: What to do with an EXR's alpha: ``"drop"`` it, or ``"unpremultiply"``,
-            divide by it first.
+        alpha: What to do with an image's alpha: ``"drop"`` it, or ``"unpremultiply"``,
+            divide by it first where the colours were multiplied by it (EXR, some TIFF;
+            never PNG).
         isolate: Read in another process, which a file that crashes or hangs its reader
             cannot leave.
 

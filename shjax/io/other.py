@@ -6,28 +6,32 @@ from pathlib import Path
 
 import numpy as np
 
-from shjax.io.colour import decode_srgb
-from shjax.io.decoded import Decoded, check_size, from_array
+from shjax.io.colour import decode_srgb, divided_by_alpha
+from shjax.io.decoded import Decoded, check_size, colour_channels, from_array
 from shjax.io.quiet import quiet
 
 _LINEAR = ("linear", "scene_linear", "lin_rec709", "lin_rec709_scene", "lin_srgb")
 _REFUSED = ("null", "term")  # formats that make a picture of nothing
 
 
-def read_other(path: Path, *, max_pixels: int) -> Decoded:
+def read_other(path: Path, *, max_pixels: int, alpha: str = "drop") -> Decoded:
     """Read an image; 8 and 16 bits are taken as sRGB unless the file says otherwise.
+
+    Colours come as the file stores them: a PNG's are not multiplied by its alpha.
 
     Raises:
         ValueError: If it is no image, damaged or too large; without the file's name.
     """
     with quiet():
-        return _read(path, max_pixels)
+        return _read(path, max_pixels, alpha)
 
 
-def _read(path: Path, max_pixels: int) -> Decoded:
+def _read(path: Path, max_pixels: int, alpha: str) -> Decoded:
     import OpenImageIO as oiio
 
-    source = oiio.ImageInput.open(str(path))
+    as_stored = oiio.ImageSpec()
+    as_stored.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(str(path), as_stored)
     if source is None:
         raise ValueError(f"not an image that can be read ({_reason(oiio.geterror())})")
     try:
@@ -45,17 +49,31 @@ def _read(path: Path, max_pixels: int) -> Decoded:
             raise ValueError(f"damaged ({_reason(source.geterror())})")
     finally:
         source.close()
-    image = np.asarray(pixels, np.float32).reshape(spec.height, spec.width, -1)
-    image = image[..., : 1 if image.shape[-1] < 3 else 3]  # alpha is dropped
-    image = _upright(image, spec.get_int_attribute("Orientation", 1))
-    encoded = spec.format.basetype in (oiio.UINT8, oiio.UINT16)
+    pixels = np.asarray(pixels, np.float32).reshape(spec.height, spec.width, -1)
+    pixels = _upright(pixels, spec.get_int_attribute("Orientation", 1))
+    opacity = spec.alpha_channel
+    if opacity < 0:
+        image, left = colour_channels(pixels)
+    else:
+        image, left = colour_channels(np.delete(pixels, opacity, axis=-1))
+        left += ", alpha dropped"
     space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
-    if not encoded or space in _LINEAR:
-        return from_array(image, f"{name}, linear")
-    bits = 16 if spec.format.basetype == oiio.UINT16 else 8
-    return from_array(
-        decode_srgb(image).astype(np.float32), f"{name}, {bits}-bit sRGB decoded"
-    )
+    encoded = spec.format.basetype in (oiio.UINT8, oiio.UINT16)
+    if encoded and space not in _LINEAR:
+        bits = 16 if spec.format.basetype == oiio.UINT16 else 8
+        image, stored = (
+            decode_srgb(image).astype(np.float32),
+            f"{bits}-bit sRGB decoded",
+        )
+    elif spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE):
+        stored = "linear"
+    else:
+        stored = f"linear, {spec.format} over its largest number"
+    multiplied = not spec.get_int_attribute("oiio:UnassociatedAlpha")
+    if alpha == "unpremultiply" and opacity >= 0 and multiplied:
+        image = divided_by_alpha(image, pixels[..., opacity])
+        left = left.replace("alpha dropped", "divided by alpha")
+    return from_array(image, f"{name}, {stored}{left}")
 
 
 def write_other(path: Path, pixels: np.ndarray) -> None:

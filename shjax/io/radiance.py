@@ -18,7 +18,7 @@ import numpy as np
 from shjax.io import colour
 from shjax.io.decoded import Decoded, check_size, oriented
 
-MAGIC = (b"#?RADIANCE", b"#?RGBE")
+MAGIC = b"#?"  # the name of the program that wrote it follows: RADIANCE, RGBE, ...
 _FORMATS = {"32-bit_rle_rgbe": False, "32-bit_rle_xyze": True}
 _HEADER_LIMIT = 2**20
 # What Radiance itself writes, and everybody reads as Rec. 709.

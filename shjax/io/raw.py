@@ -16,11 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from shjax.io.decoded import Decoded, check_size, from_array, oriented
+from shjax.io.decoded import Decoded, check_size, colour_channels, from_array, oriented
 
 PFM_MAGIC = (b"PF\n", b"Pf\n", b"PF ", b"Pf ", b"PF\r", b"Pf\r")
 NPY_MAGIC = b"\x93NUMPY"
-_PFM_HEADER = re.compile(rb"P([Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]{1,40})\s")
+_GAP = rb"(?:\s|#[^\n]*\n)+"  # white space and comments
+_PFM_HEADER = re.compile(
+    _GAP.join((rb"P([Ff])", rb"(\d{1,9})", rb"(\d{1,9})", rb"([-+.\deE]{1,40})\s"))
+)
 
 
 def read_pfm(path: Path, *, max_pixels: int) -> Decoded:
@@ -30,7 +33,7 @@ def read_pfm(path: Path, *, max_pixels: int) -> Decoded:
         ValueError: If the file is damaged or too large; without the file's name.
     """
     with path.open("rb") as file:
-        head = _PFM_HEADER.match(file.read(256))
+        head = _PFM_HEADER.match(file.read(1024))
     if head is None:
         raise ValueError("a PFM without width, height and scale")
     width, height = int(head[2]), int(head[3])
@@ -72,9 +75,8 @@ def read_npy(path: Path, *, max_pixels: int) -> Decoded:
     check_size(image.shape[:2], max_pixels)
     if not 1 <= image.shape[2] <= 4:
         raise ValueError(f"must have 1 to 4 channels; got {image.shape[2]}")
-    return from_array(
-        image[..., : 1 if image.shape[2] < 3 else 3], f"npy {array.dtype}"
-    )
+    image, left = colour_channels(image)
+    return from_array(image, f"npy {array.dtype}{left}")
 
 
 def read_float(path: Path, *, max_pixels: int) -> Decoded:

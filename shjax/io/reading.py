@@ -34,7 +34,8 @@ def read(
         path: A file, or a folder that holds the six faces of a cube.
         max_pixels: Larger images are refused before they are decoded.
         layer: Part or layer of an EXR.
-        alpha: One of :data:`shjax.io.exr.ALPHA_CHOICES`.
+        alpha: One of :data:`shjax.io.exr.ALPHA_CHOICES`; an image whose colours were not
+            multiplied by its alpha (PNG) is never divided by it.
 
     Raises:
         OSError: If the file cannot be opened.
@@ -94,7 +95,7 @@ def _read_file(path: Path, max_pixels: int, layer: str | None, alpha: str) -> De
         return raw.read_npy(path, max_pixels=max_pixels)
     if path.suffix.lower() == ".float":
         return raw.read_float(path, max_pixels=max_pixels)
-    return other.read_other(path, max_pixels=max_pixels)
+    return other.read_other(path, max_pixels=max_pixels, alpha=alpha)
 
 
 def cube_faces(folder: Path) -> list[Path] | None:

@@ -123,7 +123,8 @@ def _disc_solid_angles(side: int, density: Callable, total: float) -> np.ndarray
     # A pixel whose centre lies outside holds no light of the map: its part within the
     # circle goes to a pixel towards the middle.
     rho = np.hypot(x, y)
-    inward = np.where(rho < 1, 1.0, np.maximum(rho - 1.5 * step, 0) / rho)
+    far_in = np.maximum(rho - 1.5 * step, 0) / np.maximum(rho, 1)
+    inward = np.where(rho < 1, 1.0, far_in)
     at_row, at_column = (
         np.clip(np.round(place).astype(int), 0, side - 1)
         for place in _in_tile(x * inward, y * inward, side)
