@@ -123,7 +123,9 @@ class Estimate:
             line += (
                 f", degrees above by a prior of scale {scale:.2g}, slope {slope:.2g}"
             )
-            if np.any(np.asarray(self.value)[0] <= 0):
+            if not np.any(np.asarray(self.value)):
+                line += "; the picture is black"
+            elif np.any(np.asarray(self.value)[0] <= 0):
                 line += (
                     "; no light has L_00 <= 0: look for pixels on an outline, or for "
                     "wrong normals"

@@ -196,6 +196,14 @@ def test_a_dark_outline_that_is_not_masked_is_told(dtype):
     assert "outline" not in estimate.message
 
 
+def test_a_black_picture_is_said_to_be_black(dtype):
+    normals = jnp.asarray(shjax.sphere.fibonacci_directions(200), dtype)
+    estimate = shjax.estimate_lighting(jnp.zeros((200, 3), dtype), normals)
+    assert not np.any(np.asarray(estimate.value))
+    assert "the picture is black" in estimate.message
+    assert "outline" not in estimate.message
+
+
 def test_condition_numbers_of_the_whole_and_half_sphere():
     normals = shjax.sphere.fibonacci_directions(4000)
     image = np.ones((4000, 1))
@@ -217,7 +225,8 @@ def test_condition_numbers_of_the_whole_and_half_sphere():
         ({"albedo": -1.0}, "albedo must not be negative"),
         ({"albedo": np.ones((4, 1))}, "albedo must be a number or broadcast"),
         ({"noise": np.ones(3)}, "noise must be"),
-        ({"noise": -1.0}, "noise must not be negative"),
+        ({"noise": -1.0}, "noise must be a number >= 0"),
+        ({"noise": np.nan}, "noise must be a number >= 0"),
         ({"l_max": -1}, "l_max"),
         ({"prior": "sky"}, "prior must be 'picture', None or numbers"),
         ({"prior": np.ones(3)}, "one standard deviation a degree"),
@@ -504,6 +513,35 @@ def test_intervals_under_a_prior_cover_what_they_say(rng):
     apart = np.abs(np.asarray(value) - truths[:, :9]) / np.asarray(deviation)
     assert 0.65 < (apart < 1).mean() < 0.71
     assert 0.935 < (apart < 1.96).mean() < 0.965
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002, 0.05])
+def test_intervals_know_of_light_above_the_fit(rng, noise):
+    """A real place from eight sides, by the integral: all degrees are in the pictures."""
+    ball = render.sphere(48)
+    mask, normals = np.asarray(ball.mask) == 1, np.asarray(ball.normals)
+    place = np.asarray(
+        shjax.io.read_envmap(shjax.io.shipped_panorama()).to_latlong(48).radiance
+    )
+    apart, distance = [], []
+    for turn in range(8):
+        panorama = np.roll(place, 12 * turn, axis=1)
+        truth = np.asarray(shjax.analyze(panorama, l_max=2))
+        image = np.zeros((*mask.shape, 3), np.float32)
+        image[mask] = np.asarray(shjax.reference_irradiance(panorama, normals[mask]))
+        image += noise * image[mask].mean() * rng.normal(size=image.shape)
+        found = shjax.estimate_lighting(
+            image.astype(np.float32) / np.float32(np.pi), normals, mask=mask
+        )
+        off = np.asarray(found.value) - truth
+        apart.append(np.abs(off) / np.asarray(found.standard_deviation))
+        for channel, covariance in zip(
+            off.T, np.asarray(found.covariance), strict=True
+        ):
+            distance.append(channel @ np.linalg.solve(covariance, channel) / 9)
+    assert np.median(distance) < 1.5
+    assert np.mean(np.array(apart) < 1) > 0.55
+    assert np.mean(np.array(apart) < 1.96) > 0.85
 
 
 @pytest.mark.x64

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Any
 
 import jax
@@ -33,6 +34,7 @@ from shjax.inverse.compression import (
     compress,
     first_columns,
     noise_variance,
+    project,
 )
 from shjax.inverse.exposures import balanced
 from shjax.inverse.linear import diagnose, least_squares, tolerance_of
@@ -73,6 +75,7 @@ def estimate_lighting(
     and slope come from the picture (:mod:`.priors`), and those up to ``l_max`` returned:
     light of degree 4, 6, ... looks like degrees 0 to 2 on the visible half of the normals,
     and left out it is an error of 6 to 36 % of them on real places, almost without noise.
+    What degrees above ``fit_l_max`` may do to the answer is in its covariance.
 
     Args:
         image: Linear radiance of the pixels, any leading shape; several pictures of
@@ -94,7 +97,9 @@ def estimate_lighting(
             estimated from the residual.
         prior: ``"picture"``; None, plain least squares to ``l_max``; or standard
             deviations over L_00 of one's own, one a degree, ``(fit_l_max + 1,)``.
-        fit_l_max: Highest degree under the prior. Static.
+        fit_l_max: Highest degree under the prior. Of real places without noise, 10 left
+            the nine off by 15 % in the median and 20 by 6 %, in fifteen times the time;
+            from 2 % noise on they are alike. Static.
         brdf: A reflectance in place of the matte surface, about normal or reflected
             direction; ``albedo`` still scales it.
         views: Unit vectors to the viewer, ``(*points, 3)``; needed with ``brdf``.
@@ -146,8 +151,8 @@ def estimate_lighting(
     channels = surface.pixels.image.shape[-1]
     dtype = surface.pixels.image.dtype
     sigma = None if noise is None else fit("noise", noise, (channels,), dtype)
-    if sigma is not None and not isinstance(sigma, Tracer) and bool(jnp.any(sigma < 0)):
-        raise ValueError(f"noise must not be negative; got {noise}.")
+    if sigma is not None and not isinstance(sigma, Tracer) and not jnp.all(sigma >= 0):
+        raise ValueError(f"noise must be a number >= 0; got {noise}.")
     if clipped is not None:
         if clipped.shape != image.shape:
             raise ValueError(
@@ -216,7 +221,14 @@ def _estimate_lighting(
     nonnegative: bool,
     pictures: int,
 ) -> Estimate:
-    design, seen = design_of(surface, highest, least_cosine)  # [d, n, j]
+    family = deviations is not None and deviations.shape[0] > 1
+    above = (
+        highest_degree(surface, highest + priors.BEYOND, l_max) if family else highest
+    )
+    whole, seen = design_of(surface, above, least_cosine)  # [d, n, j]
+    beyond = seen[seen >= (highest + 1) ** 2]
+    seen = seen[seen < (highest + 1) ** 2]
+    design = whole[..., : len(seen)]
     image, weights = surface.pixels.image, surface.pixels.weights
     degree = degrees(highest)[seen]
     sd = None if deviations is None else jnp.asarray(deviations, image.dtype)[:, degree]
@@ -233,6 +245,8 @@ def _estimate_lighting(
         answer = solve(compress(design, image, weights))
     else:
         answer = reweighted(design, image, weights, clipped, loss, sigma, solve)
+    if len(beyond):
+        answer = _widened(answer, design, whole[..., len(seen) :], weights, beyond)
     found = report(
         answer, surface, design, seen, deviations, gains, l_max=l_max, highest=highest
     )
@@ -264,9 +278,35 @@ def _solve(problem: Compressed, sigma, sd, degree: np.ndarray, few: bool) -> Fit
     covariance = covariance * variance[:, None, None]
     none = jnp.ones(1, problem.r.dtype)
     return Fit(
-        value.T, covariance, missing.T, none, none, problem, variance,
+        value.T, covariance, covariance, missing.T, none, none, problem, variance,
         jnp.max(steps), jnp.all(ended),
     )  # fmt: skip
+
+
+def _widened(answer: Fit, design, above, weights, beyond: np.ndarray) -> Fit:
+    """The answer with a covariance that knows of light above the fit.
+
+    The answer is linear in the picture: what degrees that the fit left out, as large as
+    the chosen priors have them, would move it by is added.
+
+    Args:
+        answer: The fit.
+        design: Of its unknowns, ``(D, N, J)``.
+        above: Of the coefficients that it left out, ``(D, N, T)``.
+        weights: Of the pixels, ``(N,)``, as they were given.
+        beyond: Positions of these coefficients among all.
+    """
+    einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+    degree = degrees(math.isqrt(beyond[-1]))[beyond]
+    seen = project(design, above, weights)
+    seen = jnp.broadcast_to(seen, (answer.mean.shape[1], *seen.shape[1:]))
+    response = einsum("cij,ckj,ctk->cti", answer.within, answer.problem.r, seen)
+    size = priors.deviations_at(answer.weights, degree)
+    scale = (answer.unit / answer.variance)[:, None] * size[None]
+    moved = response * scale[..., None]
+    return answer._replace(
+        covariance=answer.covariance + einsum("cti,ctj->cij", moved, moved)
+    )
 
 
 def _unit(problem: Compressed, degree: np.ndarray) -> jax.Array:

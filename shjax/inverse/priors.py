@@ -8,6 +8,10 @@ place to place; a family of power laws is weighed by its marginal likelihood, in
 form, and the answers of all its members are averaged with these weights (a quadrature of
 the hierarchical model, not its mode: an uncertain scale widens the answer).
 
+The fit ends at some degree, the light does not: how far the next ten degrees, continued
+by the same laws, move the answer is added to its covariance. Without that the error bars of
+pictures with less than 1 % of noise were three to ten times too small.
+
 Two families are weighed: one power law from degree 1 on, and one for degrees above 2
 beside free degrees 1 and 2, which fits light that ends there.
 
@@ -28,6 +32,8 @@ from shjax.inverse.compression import Compressed
 from shjax.inverse.linear import regularised
 
 FIT_L_MAX = 10  # beyond, the clamped cosine passes less than a thousandth of the energy
+# So many degrees above the fit move the answer too: that is in its covariance.
+BEYOND = 10
 
 _SCALES = np.geomspace(0.02, 4, 10)  # sd at degree 2 (at 4 beside free ones), over L_00
 _SLOPES = np.linspace(-1, 5, 8)
@@ -73,12 +79,14 @@ class Posterior(NamedTuple):
     Attributes:
         mean: ``(J, C)``.
         covariance: ``(C, J, J)``.
+        within: The members' own covariance, without how far they lie apart, ``(C, J, J)``.
         share: Of each unknown's variance that the data left, ``(J, C)``, in [0, 1].
         weights: Of the members, ``(G,)``.
     """
 
     mean: jax.Array
     covariance: jax.Array
+    within: jax.Array
     share: jax.Array
     weights: jax.Array
 
@@ -115,6 +123,7 @@ def posterior(
     return Posterior(
         answer.T.astype(dtype),
         (within + between).astype(dtype),
+        within.astype(dtype),
         share.astype(dtype),
         weights.astype(dtype),
     )
@@ -132,6 +141,12 @@ def chosen(weights: jax.Array, l_max: int) -> dict[str, jax.Array]:
         "slope": mean(members.slopes),
         "free": mean(members.free.astype(float)),
     }
+
+
+def deviations_at(weights: jax.Array, degree: np.ndarray) -> jax.Array:
+    """Over L_00 and root mean square over the family, at any degrees, ``(T,)``."""
+    squares = family(int(degree.max())).deviations[:, degree] ** 2
+    return jnp.sqrt(_einsum("g,gt->t", weights, jnp.asarray(squares, weights.dtype)))
 
 
 def _member(r: jax.Array, z: jax.Array, sd: jax.Array):

@@ -27,6 +27,7 @@ class Fit(NamedTuple):
     Attributes:
         mean: ``(J, C)``.
         covariance: ``(C, J, J)``.
+        within: Of one prior in the mean, ``(C, J, J)``.
         share: Of each unknown that did not come from the data, ``(J, C)``.
         weights: Of the priors, ``(G,)``.
         unit: About L_00, which the priors are relative to, ``(C,)``.
@@ -38,6 +39,7 @@ class Fit(NamedTuple):
 
     mean: jax.Array
     covariance: jax.Array
+    within: jax.Array
     share: jax.Array
     weights: jax.Array
     unit: jax.Array
