@@ -70,7 +70,7 @@ def _losses(result: dict) -> str:
     if not worst:
         return "No other method is faster than shjax's at any of these errors."
     worst.sort(key=lambda pair: -pair[0])
-    shown = "; ".join(words for _, words in worst[:6])
+    shown = "; ".join(words for _, words in worst)
     return f"**Where ours lose** ({len(worst)} cases), the largest first: {shown}."
 
 
