@@ -13,7 +13,17 @@ import pytest
 
 from shjax import io
 from shjax.io import colour, isolation
-from tests.variants import VARIANTS, WIDTH, exr, parts, picture, plain_exr, with_alpha
+from tests.variants import (
+    P_CG,
+    VARIANTS,
+    WIDTH,
+    coloured,
+    exr,
+    parts,
+    picture,
+    plain_exr,
+    with_alpha,
+)
 
 
 def write(folder, name):
@@ -113,6 +123,14 @@ def test_any_program_may_have_written_a_radiance_picture(tmp_path):
         images.append(io.read_image(path))
     np.testing.assert_array_equal(*images)
     np.testing.assert_allclose(images[1][0, 0], [0.3926, 0.1973, 0.0801], rtol=1e-3)
+
+
+def test_colours_that_the_conversion_makes_negative_are_told_apart(tmp_path):
+    green = np.zeros((4, 8, 3), np.float32)
+    green[..., 1] = 1
+    coloured(np.eye(3), P_CG)(tmp_path / "a.exr", green)
+    with pytest.raises(ValueError, match="colours outside Rec. 709, to which"):
+        io.read_envmap(tmp_path / "a.exr")
 
 
 def test_comments_in_a_pfm(tmp_path):

@@ -130,7 +130,7 @@ def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
     if not found.non_finite and not found.negative:
         return envmap
     if invalid == "error":
-        _refuse(found)
+        _refuse(found, envmap.report.format)
     done = {
         "error": "integrated as they stand",
         "keep": "kept",
@@ -155,7 +155,7 @@ def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
     )
 
 
-def _refuse(found: _Invalid) -> None:
+def _refuse(found: _Invalid, stored: str) -> None:
     if found.first is not None:
         row, column, channel = found.first
         raise ValueError(
@@ -164,8 +164,10 @@ def _refuse(found: _Invalid) -> None:
             f"invalid='clamp' or 'zero' (--invalid) reads it all the same."
         )
     if found.share > NEGATIVE_ENERGY_LIMIT:
+        outside = " (colours outside Rec. 709, to which they were converted)"
         raise ValueError(
-            f"negative values hold {found.share:.1e} of the energy, the limit is "
+            f"negative values{outside if 'converted' in stored else ''} hold "
+            f"{found.share:.1e} of the energy, the limit is "
             f"{NEGATIVE_ENERGY_LIMIT:.0e}; invalid='clamp', 'zero' or 'keep' (--invalid) "
             f"reads it all the same."
         )
