@@ -69,24 +69,6 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
     return Compressed(r, z, rest, power, count.astype(target.dtype))
 
 
-def project(design: jax.Array, others: jax.Array, weights: jax.Array) -> jax.Array:
-    """How the unknowns see other columns: ``Q^T W^(1/2) B``, ``(D, T, J)``.
-
-    Args:
-        design: ``(D, N, J)``.
-        others: ``(D, N, T)``.
-        weights: Of the squared residuals, ``(N,)``.
-    """
-    root = jnp.where(weights > 0, jnp.sqrt(jnp.where(weights > 0, weights, 1)), 0)
-    missing = max(design.shape[2] - design.shape[1], 0)
-    rows, columns = (
-        jnp.pad(a * root[None, :, None], ((0, 0), (0, missing), (0, 0)))
-        for a in (design, others)
-    )
-    q = jnp.stack([jnp.linalg.qr(one)[0] for one in rows])
-    return jnp.einsum("dnj,dnt->dtj", q, columns, precision=jax.lax.Precision.HIGHEST)
-
-
 def predicted(design: jax.Array, mean: jax.Array) -> jax.Array:
     """What an answer ``(J, C)`` says of the pixels, ``(N, C)``; design as above."""
     shape = (mean.shape[1], *design.shape[1:])

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from typing import Any
 
 import jax
@@ -34,7 +33,6 @@ from shjax.inverse.compression import (
     compress,
     first_columns,
     noise_variance,
-    project,
 )
 from shjax.inverse.exposures import balanced
 from shjax.inverse.linear import diagnose, least_squares, tolerance_of
@@ -44,9 +42,11 @@ from shjax.inverse.reporting import Fit, report
 from shjax.inverse.reweighting import Loss, make_loss, reweighted
 from shjax.inverse.surfaces import (
     Surface,
+    beyond_seen_by,
     design_of,
     highest_degree,
     make_surface,
+    unknowns_of,
 )
 
 
@@ -225,10 +225,8 @@ def _estimate_lighting(
     above = (
         highest_degree(surface, highest + priors.BEYOND, l_max) if family else highest
     )
-    whole, seen = design_of(surface, above, least_cosine)  # [d, n, j]
-    beyond = seen[seen >= (highest + 1) ** 2]
-    seen = seen[seen < (highest + 1) ** 2]
-    design = whole[..., : len(seen)]
+    seen = unknowns_of(surface, highest)
+    design = design_of(surface, highest, least_cosine)  # [d, n, j]
     image, weights = surface.pixels.image, surface.pixels.weights
     degree = degrees(highest)[seen]
     sd = None if deviations is None else jnp.asarray(deviations, image.dtype)[:, degree]
@@ -245,8 +243,10 @@ def _estimate_lighting(
         answer = solve(compress(design, image, weights))
     else:
         answer = reweighted(design, image, weights, clipped, loss, sigma, solve)
-    if len(beyond):
-        answer = _widened(answer, design, whole[..., len(seen) :], weights, beyond)
+    if above > highest:
+        left_out = unknowns_of(surface, above)[len(seen) :]
+        responses = beyond_seen_by(surface, design, above, least_cosine)
+        answer = _widened(answer, responses, degrees(above)[left_out])
     found = report(
         answer, surface, design, seen, deviations, gains, l_max=l_max, highest=highest
     )
@@ -283,7 +283,7 @@ def _solve(problem: Compressed, sigma, sd, degree: np.ndarray, few: bool) -> Fit
     )  # fmt: skip
 
 
-def _widened(answer: Fit, design, above, weights, beyond: np.ndarray) -> Fit:
+def _widened(answer: Fit, responses: jax.Array, degree: np.ndarray) -> Fit:
     """The answer with a covariance that knows of light above the fit.
 
     The answer is linear in the picture: what degrees that the fit left out, as large as
@@ -291,19 +291,20 @@ def _widened(answer: Fit, design, above, weights, beyond: np.ndarray) -> Fit:
 
     Args:
         answer: The fit.
-        design: Of its unknowns, ``(D, N, J)``.
-        above: Of the coefficients that it left out, ``(D, N, T)``.
-        weights: Of the pixels, ``(N,)``, as they were given.
-        beyond: Positions of these coefficients among all.
+        responses: How its unknowns see the coefficients left out, ``(D, T, J)``.
+        degree: Of these coefficients, ``(T,)``.
     """
     einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
-    degree = degrees(math.isqrt(beyond[-1]))[beyond]
-    seen = project(design, above, weights)
-    seen = jnp.broadcast_to(seen, (answer.mean.shape[1], *seen.shape[1:]))
-    response = einsum("cij,ckj,ctk->cti", answer.within, answer.problem.r, seen)
+    shape = (answer.mean.shape[1], *responses.shape[1:])
+    moved = einsum(
+        "cij,ckj,ctk->cti",
+        answer.within,
+        answer.problem.r,
+        jnp.broadcast_to(responses, shape),
+    )
     size = priors.deviations_at(answer.weights, degree)
     scale = (answer.unit / answer.variance)[:, None] * size[None]
-    moved = response * scale[..., None]
+    moved = moved * scale[..., None]
     return answer._replace(
         covariance=answer.covariance + einsum("cti,ctj->cij", moved, moved)
     )

@@ -10,11 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.arrays import as_float, shape_of
+from shjax.arrays import as_float, in_blocks, shape_of
 from shjax.brdf import Brdf
 from shjax.inverse.glossy import glossy_rows, table_to
 from shjax.inverse.pictures import Pixels, check_unit, flatten
 from shjax.inverse.rows import cosine_rows, footprint_rows, seen_by_cosine
+
+_PIXELS_AT_ONCE = 16384
 
 
 @functools.partial(
@@ -109,25 +111,64 @@ def highest_degree(surface: Surface, highest: int, l_max: int) -> int:
     return min(own, highest)
 
 
-def design_of(
-    surface: Surface, highest: int, least_cosine: float
-) -> tuple[jax.Array, np.ndarray]:
-    """The design with the albedo, ``(D, N, J)``, and its unknowns' positions in K."""
+def unknowns_of(surface: Surface, highest: int) -> np.ndarray:
+    """Positions in K of the coefficients that the surface shows, ``(J,)``, rising."""
+    if surface.rows is None and surface.brdf is None:
+        return seen_by_cosine(highest)
+    return np.arange((highest + 1) ** 2)
+
+
+def design_of(surface: Surface, highest: int, least_cosine: float) -> jax.Array:
+    """The design with the albedo, ``(D, N, J)``, in :func:`unknowns_of`."""
     if surface.rows is not None:
-        seen = np.arange((highest + 1) ** 2)
-        rows = surface.rows[:, seen]
+        rows = surface.rows[:, : (highest + 1) ** 2]
     elif surface.brdf is not None:
-        seen = np.arange((highest + 1) ** 2)
         table = table_to(least_cosine)
         assert surface.normals is not None
         assert surface.views is not None
         rows = glossy_rows(surface.brdf, surface.normals, surface.views, highest, table)
     else:
-        seen, normals = seen_by_cosine(highest), surface.normals
+        normals = surface.normals
         assert normals is not None
         make = footprint_rows if normals.ndim == 3 else cosine_rows
         rows = make(normals, highest)
     stacked = jnp.moveaxis(rows, -1, 0) if rows.ndim == 3 else rows[None]
     albedo = surface.pixels.albedo.T[..., None]  # [d, n, 1]
     shape = np.broadcast_shapes(stacked.shape, albedo.shape)
-    return jnp.broadcast_to(stacked, shape) * jnp.broadcast_to(albedo, shape), seen
+    return jnp.broadcast_to(stacked, shape) * jnp.broadcast_to(albedo, shape)
+
+
+def beyond_seen_by(
+    surface: Surface, design: jax.Array, above: int, least_cosine: float
+) -> jax.Array:
+    """How the unknowns see what the design leaves out: ``Q^T W^(1/2) B``, ``(D, T, J)``.
+
+    Args:
+        surface: What the pixels show.
+        design: Of the fitted unknowns, ``W^(1/2) A = Q R``, ``(D, N, J)``.
+        above: Highest degree of the T columns B; a block of pixels' are stored at a time.
+        least_cosine: Of the design.
+    """
+    fitted, weights = design.shape[2], surface.pixels.weights
+    root = jnp.where(weights > 0, jnp.sqrt(jnp.where(weights > 0, weights, 1)), 0)
+    rows = design * root[None, :, None]
+    missing = max(fitted - len(root), 0)
+    rows = jnp.pad(rows, ((0, 0), (0, missing), (0, 0)))
+    q = jnp.stack([jnp.linalg.qr(one)[0] for one in rows], axis=1)[: len(root)]
+    size = min(_PIXELS_AT_ONCE, len(root))
+    fields = (surface.pixels, surface.normals, surface.views, surface.rows)
+    blocks = jax.tree.map(lambda a: in_blocks(a, size), (fields, q, root))
+
+    @jax.checkpoint
+    def add(total, block):
+        (pixels, normals, views, given), q_some, root_some = block
+        some = Surface(pixels, normals, views, surface.brdf, given)
+        left_out = design_of(some, above, least_cosine)[..., fitted:]
+        weighted = left_out * root_some[None, :, None]
+        precise = jax.lax.Precision.HIGHEST
+        seen = jnp.einsum("ndj,dnt->dtj", q_some, weighted, precision=precise)
+        return total + seen, None
+
+    count = len(unknowns_of(surface, above)) - fitted
+    start = jnp.zeros((design.shape[0], count, fitted), design.dtype)
+    return jax.lax.scan(add, start, blocks)[0]
