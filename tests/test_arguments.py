@@ -14,8 +14,8 @@ SIZES = {
     "W": 16, "n_theta": 8, "n_phi": 16,
 }  # fmt: skip
 CHOICES = {
-    "l": 2, "l_max": 1, "p_max": 1, "n_theta": 8, "n_phi": 16, "rms_error": 0.1, "energy_error": 0.1, "model": "radial",
-    "albedo": 0.5, "roughness": 0.5,
+    "l": 2, "l_max": 1, "p_max": 1, "n_theta": 8, "n_phi": 16, "rms_error": 0.1,
+    "energy_error": 0.1, "model": "radial", "albedo": 0.5, "roughness": 0.5,
 }  # fmt: skip
 
 

@@ -12,8 +12,10 @@ from PIL import Image
 import shjax
 from shjax import render
 from shjax.harmonics.degrees import degrees
-from shjax.inverse import decode, visible_cosine
+from shjax.inverse import decode, surfaces, visible_cosine
+from shjax.inverse.compression import compress
 from shjax.inverse.glossy import light_up, reflected, table_to
+from shjax.inverse.pictures import Pixels
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT
 
@@ -542,6 +544,26 @@ def test_intervals_know_of_light_above_the_fit(rng, noise):
     assert np.median(distance) < 1.5
     assert np.mean(np.array(apart) < 1) > 0.55
     assert np.mean(np.array(apart) < 1.96) > 0.85
+
+
+@pytest.mark.x64
+@pytest.mark.parametrize("count", [30, 200])  # fewer and more pixels than unknowns
+def test_what_the_fit_leaves_out_is_seen_block_by_block(rng, monkeypatch, count):
+    monkeypatch.setattr(surfaces, "_PIXELS_AT_ONCE", 64)
+    normals, albedo = unit_vectors(rng, count), rng.uniform(0.1, 1, (count, 2))
+    weights = rng.uniform(0, 1, (count, 2)) * (rng.uniform(size=(count, 1)) > 0.2)
+    image = jnp.asarray(rng.uniform(size=(count, 2)))
+    pixels = Pixels(image, jnp.asarray(weights[:, 0]), jnp.asarray(albedo))
+    surface = surfaces.Surface(pixels, normals=jnp.asarray(normals))
+    design = surfaces.design_of(surface, 6, 0.0)
+    problem = compress(design, image, jnp.asarray(weights))
+    found = surfaces.beyond_seen_by(problem, surface, 12, 0.0)
+    whole = np.asarray(surfaces.design_of(surface, 12, 0.0))
+    fitted = design.shape[2]
+    expected = np.einsum(
+        "cnj,nc,cnt->ctj", design, weights, whole[..., fitted:]
+    )  # A^T W B, channel by channel
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @pytest.mark.x64

@@ -22,6 +22,8 @@ class Compressed(NamedTuple):
         rest: Squared norm of what no unknown can explain, ``(C,)``.
         power: Squared norm of the data, ``(C,)``.
         used: How many pixels have weight, ``(C,)``.
+        q: What ``r`` came with, ``W^(1/2) A = Q R``, ``(D, N, J)``; D = 1 for all channels.
+        root: ``W^(1/2)``, ``(D, N)``.
     """
 
     r: jax.Array
@@ -29,6 +31,8 @@ class Compressed(NamedTuple):
     rest: jax.Array
     power: jax.Array
     used: jax.Array
+    q: jax.Array
+    root: jax.Array
 
 
 def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compressed:
@@ -39,7 +43,8 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
         target: ``(N, C)``.
         weights: Of the squared residuals, ``(N,)``, or ``(N, C)`` where D = C.
     """
-    channels, missing = target.shape[-1], design.shape[-1] - design.shape[1]
+    pixels, channels = target.shape
+    missing = design.shape[-1] - pixels
     if missing > 0:  # fewer pixels than unknowns: pixels of weight 0 make a square
         design = jnp.pad(design, ((0, 0), (0, missing), (0, 0)))
         target = jnp.pad(target, ((0, missing), (0, 0)))
@@ -54,9 +59,8 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
     weighted = design * root.T[..., None]  # [d, n, j]
     # One by one: see inverse_and_log_det for what batches may do.
     factors = [jnp.linalg.qr(weighted[d]) for d in range(wide[1])]
-    q, r = (jnp.stack(some) for some in zip(*factors, strict=True))
-    if wide[1] == 1:
-        q, r = (jnp.broadcast_to(a, (channels, *a.shape[1:])) for a in (q, r))
+    own, r = (jnp.stack(some) for some in zip(*factors, strict=True))
+    q, r = (jnp.broadcast_to(a, (channels, *a.shape[1:])) for a in (own, r))
 
     # Twice: the second time takes what a long float32 sum lost the first time.
     precise = jax.lax.Precision.HIGHEST
@@ -66,7 +70,15 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
         z, left = z + more, left - jnp.einsum("cnj,cj->nc", q, more, precision=precise)
     count = jnp.broadcast_to(jnp.sum(root > 0, axis=0), (channels,))
     rest, power = (jnp.sum(a * a, axis=0) for a in (left, target))
-    return Compressed(r, z, rest, power, count.astype(target.dtype))
+    return Compressed(
+        r,
+        z,
+        rest,
+        power,
+        count.astype(target.dtype),
+        own[:, :pixels],
+        root.T[:, :pixels],
+    )
 
 
 def predicted(design: jax.Array, mean: jax.Array) -> jax.Array:
@@ -83,6 +95,7 @@ def first_columns(problem: Compressed, size: int) -> Compressed:
     return problem._replace(
         r=problem.r[:, :size, :size],
         z=problem.z[:, :size],
+        q=problem.q[..., :size],
         rest=problem.rest + jnp.sum(left * left, axis=-1),
     )
 

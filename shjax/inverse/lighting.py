@@ -28,18 +28,13 @@ from shjax.estimate import Estimate
 from shjax.harmonics.degrees import check_l_max, degrees
 from shjax.inverse import priors
 from shjax.inverse.albedos import side_by_side, unknown_albedo
-from shjax.inverse.compression import (
-    Compressed,
-    compress,
-    first_columns,
-    noise_variance,
-)
+from shjax.inverse.compression import Compressed, compress
 from shjax.inverse.exposures import balanced
-from shjax.inverse.linear import diagnose, least_squares, tolerance_of
 from shjax.inverse.pictures import fit
 from shjax.inverse.positive import without_negative_light
 from shjax.inverse.reporting import Fit, report
 from shjax.inverse.reweighting import Loss, make_loss, reweighted
+from shjax.inverse.solving import solve_compressed, widened
 from shjax.inverse.surfaces import (
     Surface,
     beyond_seen_by,
@@ -234,7 +229,7 @@ def _estimate_lighting(
     few = image.shape[0] < 2 * len(degree)
 
     def solve(problem: Compressed) -> Fit:
-        return _solve(problem, sigma, sd, degree, few)
+        return solve_compressed(problem, sigma, sd, degree, few)
 
     gains = None
     if pictures > 1:
@@ -245,81 +240,9 @@ def _estimate_lighting(
         answer = reweighted(design, image, weights, clipped, loss, sigma, solve)
     if above > highest:
         left_out = unknowns_of(surface, above)[len(seen) :]
-        responses = beyond_seen_by(surface, design, above, least_cosine)
-        answer = _widened(answer, responses, degrees(above)[left_out])
+        overlap = beyond_seen_by(answer.problem, surface, above, least_cosine)
+        answer = widened(answer, overlap, degrees(above)[left_out])
     found = report(
         answer, surface, design, seen, deviations, gains, l_max=l_max, highest=highest
     )
     return without_negative_light(found) if nonnegative else found
-
-
-def _solve(problem: Compressed, sigma, sd, degree: np.ndarray, few: bool) -> Fit:
-    """Plain least squares, or the average over priors.
-
-    With few pixels nothing is left over by all degrees, and the noise is taken from what
-    the first two leave.
-    """
-    speaks = problem
-    if few and sd is not None:
-        speaks = first_columns(problem, int(np.sum(degree <= 2)))
-    variance = noise_variance(speaks, sigma)
-    if sd is not None:
-        unit = _unit(problem, degree)
-        found = priors.posterior(problem, sd, unit, variance)
-        whole = jnp.all(jnp.isfinite(found.mean))
-        return Fit(*found, unit, problem, variance, jnp.asarray(1), whole)
-    tolerance = tolerance_of(problem.r)
-    value, steps, ended = jax.vmap(
-        functools.partial(least_squares, tolerance=tolerance)
-    )(problem.r, problem.z)
-    covariance, _, missing = jax.vmap(functools.partial(diagnose, tolerance=tolerance))(
-        problem.r
-    )
-    covariance = covariance * variance[:, None, None]
-    none = jnp.ones(1, problem.r.dtype)
-    return Fit(
-        value.T, covariance, covariance, missing.T, none, none, problem, variance,
-        jnp.max(steps), jnp.all(ended),
-    )  # fmt: skip
-
-
-def _widened(answer: Fit, responses: jax.Array, degree: np.ndarray) -> Fit:
-    """The answer with a covariance that knows of light above the fit.
-
-    The answer is linear in the picture: what degrees that the fit left out, as large as
-    the chosen priors have them, would move it by is added.
-
-    Args:
-        answer: The fit.
-        responses: How its unknowns see the coefficients left out, ``(D, T, J)``.
-        degree: Of these coefficients, ``(T,)``.
-    """
-    einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
-    shape = (answer.mean.shape[1], *responses.shape[1:])
-    moved = einsum(
-        "cij,ckj,ctk->cti",
-        answer.within,
-        answer.problem.r,
-        jnp.broadcast_to(responses, shape),
-    )
-    size = priors.deviations_at(answer.weights, degree)
-    scale = (answer.unit / answer.variance)[:, None] * size[None]
-    moved = moved * scale[..., None]
-    return answer._replace(
-        covariance=answer.covariance + einsum("cti,ctj->cij", moved, moved)
-    )
-
-
-def _unit(problem: Compressed, degree: np.ndarray) -> jax.Array:
-    """About L_00: from degrees 0 and 1, lightly held together, ``(C,)``."""
-    low = first_columns(problem, int(np.sum(degree <= 1)))
-    gram = jnp.einsum("cji,cjk->cik", low.r, low.r)
-    right = jnp.einsum("cji,cj->ci", low.r, low.z)
-    tiny = jnp.finfo(gram.dtype).tiny
-    held = 1e-3 * jnp.trace(gram, axis1=1, axis2=2) + tiny**0.5
-    value = jnp.linalg.solve(
-        gram + jax.vmap(jnp.diag)(jnp.broadcast_to(held[:, None], right.shape)),
-        right[..., None],
-    )
-    level = jnp.abs(value[:, 0, 0])
-    return jnp.where(level > 0, level, 1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from shjax.arrays import as_float, in_blocks, shape_of
 from shjax.brdf import Brdf
+from shjax.inverse.compression import Compressed
 from shjax.inverse.glossy import glossy_rows, table_to
 from shjax.inverse.pictures import Pixels, check_unit, flatten
 from shjax.inverse.rows import cosine_rows, footprint_rows, seen_by_cosine
@@ -139,36 +140,36 @@ def design_of(surface: Surface, highest: int, least_cosine: float) -> jax.Array:
 
 
 def beyond_seen_by(
-    surface: Surface, design: jax.Array, above: int, least_cosine: float
+    problem: Compressed, surface: Surface, above: int, least_cosine: float
 ) -> jax.Array:
-    """How the unknowns see what the design leaves out: ``Q^T W^(1/2) B``, ``(D, T, J)``.
+    """What a fit's unknowns A see of what it leaves out: ``A^T W B``, ``(C, T, J)``.
 
     Args:
+        problem: Of the fitted unknowns, the first of :func:`unknowns_of`.
         surface: What the pixels show.
-        design: Of the fitted unknowns, ``W^(1/2) A = Q R``, ``(D, N, J)``.
         above: Highest degree of the T columns B; a block of pixels' are stored at a time.
-        least_cosine: Of the design.
+        least_cosine: As of the design.
     """
-    fitted, weights = design.shape[2], surface.pixels.weights
-    root = jnp.where(weights > 0, jnp.sqrt(jnp.where(weights > 0, weights, 1)), 0)
-    rows = design * root[None, :, None]
-    missing = max(fitted - len(root), 0)
-    rows = jnp.pad(rows, ((0, 0), (0, missing), (0, 0)))
-    q = jnp.stack([jnp.linalg.qr(one)[0] for one in rows], axis=1)[: len(root)]
-    size = min(_PIXELS_AT_ONCE, len(root))
-    fields = (surface.pixels, surface.normals, surface.views, surface.rows)
-    blocks = jax.tree.map(lambda a: in_blocks(a, size), (fields, q, root))
+    pixels, fitted = problem.q.shape[1:]
+    size = min(_PIXELS_AT_ONCE, pixels)
+    weighted = jnp.moveaxis(problem.q * problem.root[..., None], 1, 0)  # [n, d, j]
+    shown = (surface.pixels, surface.normals, surface.views, surface.rows)
+    blocks = jax.tree.map(lambda a: in_blocks(a, size), (shown, weighted))
+    einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
 
     @jax.checkpoint
     def add(total, block):
-        (pixels, normals, views, given), q_some, root_some = block
-        some = Surface(pixels, normals, views, surface.brdf, given)
-        left_out = design_of(some, above, least_cosine)[..., fitted:]
-        weighted = left_out * root_some[None, :, None]
-        precise = jax.lax.Precision.HIGHEST
-        seen = jnp.einsum("ndj,dnt->dtj", q_some, weighted, precision=precise)
-        return total + seen, None
+        (some, normals, views, rows), columns = block
+        part = Surface(some, normals, views, surface.brdf, rows)
+        left_out = design_of(part, above, least_cosine)[..., fitted:]
+        every = jnp.broadcast_to(left_out, (total.shape[0], *left_out.shape[1:]))
+        return total + einsum("ndj,dnt->dtj", columns, every), None
 
     count = len(unknowns_of(surface, above)) - fitted
-    start = jnp.zeros((design.shape[0], count, fitted), design.dtype)
-    return jax.lax.scan(add, start, blocks)[0]
+    start = jnp.zeros((len(problem.q), count, fitted), problem.r.dtype)
+    seen = jax.lax.scan(add, start, blocks)[0]  # Q^T W^(1/2) B
+    return einsum(
+        "ctk,ckj->ctj",
+        jnp.broadcast_to(seen, (len(problem.r), *seen.shape[1:])),
+        problem.r,
+    )

@@ -49,31 +49,33 @@ def _read(path: Path, max_pixels: int, alpha: str) -> Decoded:
             raise ValueError(f"damaged ({_reason(source.geterror())})")
     finally:
         source.close()
-    pixels = np.asarray(pixels, np.float32).reshape(spec.height, spec.width, -1)
-    pixels = _upright(pixels, spec.get_int_attribute("Orientation", 1))
-    opacity = spec.alpha_channel
-    if opacity < 0:
-        image, left = colour_channels(pixels)
-    else:
-        image, left = colour_channels(np.delete(pixels, opacity, axis=-1))
-        left += ", alpha dropped"
-    space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
-    encoded = spec.format.basetype in (oiio.UINT8, oiio.UINT16)
-    if encoded and space not in _LINEAR:
-        bits = 16 if spec.format.basetype == oiio.UINT16 else 8
-        image, stored = (
-            decode_srgb(image).astype(np.float32),
-            f"{bits}-bit sRGB decoded",
-        )
-    elif spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE):
-        stored = "linear"
-    else:
-        stored = f"linear, {spec.format} over its largest number"
-    multiplied = not spec.get_int_attribute("oiio:UnassociatedAlpha")
-    if alpha == "unpremultiply" and opacity >= 0 and multiplied:
-        image = divided_by_alpha(image, pixels[..., opacity])
-        left = left.replace("alpha dropped", "divided by alpha")
+    image = np.asarray(pixels, np.float32).reshape(spec.height, spec.width, -1)
+    image = _upright(image, spec.get_int_attribute("Orientation", 1))
+    cover = None if spec.alpha_channel < 0 else image[..., spec.alpha_channel]
+    if cover is not None:
+        image = np.delete(image, spec.alpha_channel, axis=-1)
+    image, left = colour_channels(image)
+    image, stored = _linear(image, spec)
+    if cover is not None:
+        multiplied = not spec.get_int_attribute("oiio:UnassociatedAlpha")
+        divide = alpha == "unpremultiply" and multiplied
+        image = divided_by_alpha(image, cover) if divide else image
+        left += ", divided by alpha" if divide else ", alpha dropped"
     return from_array(image, f"{name}, {stored}{left}")
+
+
+def _linear(image: np.ndarray, spec) -> tuple[np.ndarray, str]:
+    """Linear light from what the file holds, and how it held it, in words."""
+    import OpenImageIO as oiio
+
+    kind = spec.format.basetype
+    space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
+    if kind in (oiio.UINT8, oiio.UINT16) and space not in _LINEAR:
+        bits = 16 if kind == oiio.UINT16 else 8
+        return decode_srgb(image).astype(np.float32), f"{bits}-bit sRGB decoded"
+    if kind in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE):
+        return image, "linear"
+    return image, f"linear, {spec.format} over its largest number"
 
 
 def write_other(path: Path, pixels: np.ndarray) -> None:
