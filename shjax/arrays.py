@@ -95,6 +95,72 @@ def check_samples(radiance, directions, weights, *, batch: bool = False) -> None
             )
 
 
+def check_count(name: str, value, *, least: int = 1) -> int:
+    """A whole number of at least so much.
+
+    Raises:
+        ValueError: Naming it, if it is something else.
+    """
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or value < least:
+        rule = "positive" if least == 1 else f">= {least}"
+        raise ValueError(f"{name} must be a whole number, {rule}; got {value!r}.")
+    return int(value)
+
+
+def as_number_or_float(name: str, value, dtype) -> jax.Array:
+    """A number of any kind, or an array of floating-point numbers, as a JAX array.
+
+    Whole Python numbers are numbers; an array of integers is refused, since an 8-bit
+    picture is no albedo, mask or light. An array of booleans is a mask, of 0 and 1.
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    if isinstance(value, (bool, int, float)) or value is None:
+        if value is None or isinstance(value, bool):
+            raise ValueError(f"{name} must be a number or an array; got {value!r}.")
+        return jnp.asarray(value, dtype)
+    try:
+        given = value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype
+    except ValueError:
+        raise ValueError(
+            f"{name} must be numbers of one shape; got {value!r}."
+        ) from None
+    listed = not hasattr(value, "dtype") or (np.ndim(value) == 0 and given != np.uint8)
+    listed = listed and given.kind in "iuf"
+    if not (listed or given == np.dtype(bool) or jnp.issubdtype(given, jnp.floating)):
+        hint = " (8-bit values 0 to 255? divide by 255)" if given == np.uint8 else ""
+        raise ValueError(f"{name} must hold floating-point numbers; got {given}{hint}.")
+    return jnp.asarray(value, dtype)
+
+
+def picture_size(size) -> tuple[int, int]:
+    """Height and width of a picture from a whole number or two.
+
+    Raises:
+        ValueError: If they are not whole and positive.
+    """
+    whole = (int, np.integer)
+    pair = (size, size) if isinstance(size, whole) else size
+    try:
+        height, width = pair
+    except (TypeError, ValueError):
+        height = width = None
+    if not all(
+        isinstance(n, whole) and not isinstance(n, bool) and n >= 1
+        for n in (height, width)
+    ):
+        raise ValueError(f"size must be positive, a whole number or two; got {size!r}.")
+    return int(height), int(width)  # pyright: ignore[reportArgumentType]
+
+
+def safe_sqrt(values: jax.Array) -> jax.Array:
+    """Square root with derivative 0 at 0, where every perfect fit ends."""
+    positive = values > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, values, 1)), 0)
+
+
 def in_blocks(rows: jax.Array, size: int) -> jax.Array:
     """``(n, ...)`` as ``(blocks, size, ...)``, filled up with zeros."""
     padding = [(0, -rows.shape[0] % size)] + [(0, 0)] * (rows.ndim - 1)

@@ -107,7 +107,8 @@ CONVENTIONS: dict[str, Convention] = {
     "nvdiffrec": Convention(_DEBEVEC),
     # Axes depend on the scene or were not measured; scale and sign from documentation.
     "gltf": Convention(None, True, _irradiance),
-    "unity": Convention(None, False, _shader),
+    # Left-handed, y up; the axes reproduced its ShadeSH9 to 2e-7.
+    "unity": Convention(_LEFT_HANDED, False, _shader),
     "unreal": Convention(None, True),
     "arkit": Convention(None),
     "arcore": Convention(None, True),
@@ -176,7 +177,7 @@ def convert(
 
 
 def _named(argument: str, name: str) -> Convention:
-    if name.lower() not in CONVENTIONS:
+    if not isinstance(name, str) or name.lower() not in CONVENTIONS:
         known = ", ".join(CONVENTIONS)
         raise ValueError(f"{argument} must be one of {known}; got {name!r}.")
     return CONVENTIONS[name.lower()]
@@ -185,8 +186,8 @@ def _named(argument: str, name: str) -> Convention:
 def _frame(tool: Convention, name: str) -> np.ndarray:
     if tool.axes is None:
         raise ValueError(
-            f"axes must be given for {name!r}, whose frame was not measured: rows are its "
-            "x, y, z in the library's frame (z up, x the panorama's centre)."
+            f"axes (--axes) must be given for {name!r}, whose frame was not measured: rows "
+            "are its x, y, z in the library's frame (z up, x the panorama's centre)."
         )
     return np.asarray(tool.axes, np.float64)
 

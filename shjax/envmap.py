@@ -6,6 +6,7 @@ import dataclasses
 
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Float
 
 from shjax.arrays import Array, check_channels
@@ -54,7 +55,7 @@ class Report:
         return f"{line}; {self.action}" if self.action else line
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class EnvironmentMap:
     """Distant radiance.
 
@@ -73,6 +74,19 @@ class EnvironmentMap:
     solid_angles: Float[Array, " N"] | None
     image: Float[Array, "H W C"]
     report: Report
+
+    def __repr__(self) -> str:
+        """What it is, how large and how bright, in three lines."""
+        height, width, channels = self.image.shape
+        lines = [f"EnvironmentMap: {width} x {height} x {channels}, {self.layout}"]
+        if isinstance(self.radiance, Tracer):
+            return f"{lines[0]} (traced)"
+        pixels = np.asarray(self.radiance)
+        lines.append(
+            f"  radiance {np.nanmin(pixels):.3g} to {np.nanmax(pixels):.3g}, "
+            f"mean of the pixels {np.nanmean(pixels):.3g}, {pixels.dtype}"
+        )
+        return "\n".join([*lines, f"  {self.report}"])
 
     def lighting(
         self, *, l_max: int, quadrature: str = "fejer"

@@ -10,9 +10,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
-from shjax.arrays import Array
+from shjax.arrays import Array, safe_sqrt
 
 _UNDETERMINED = 0.5  # of an unknown's variance, left by the data: the prior answers
 
@@ -37,7 +38,7 @@ _UNDETERMINED = 0.5  # of an unknown's variance, left by the data: the prior ans
     ),
     meta_fields=("tolerance", "names"),
 )
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Estimate:
     """What was estimated and how far to trust it.
 
@@ -80,10 +81,30 @@ class Estimate:
     tolerance: float
     names: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """What was estimated and how far to trust it, in three lines."""
+        if isinstance(self.value, Tracer):
+            return f"Estimate of {self.value.shape} unknowns (traced)"
+        value, deviation = np.asarray(self.value), np.asarray(self.standard_deviation)
+        names = self.names or ("L_00",)
+        cells = [
+            f"{name} = {', '.join(f'{v:.4g}' for v in row)} +- "
+            f"{', '.join(f'{d:.2g}' for d in sd)}"
+            for name, row, sd in zip(names[:4], value, deviation, strict=False)
+        ]
+        count, channels = value.shape
+        return "\n".join(
+            [
+                f"Estimate: {count} unknowns x {channels} channels, ok = {self.ok}",
+                f"  {'; '.join(cells)}{'; ...' if count > len(cells) else ''}",
+                f"  {self.message}",
+            ]
+        )
+
     @property
     def standard_deviation(self) -> Float[jax.Array, "K C"]:
         """Of each unknown: the root of the covariance's diagonal."""
-        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=1, axis2=2)).T
+        return safe_sqrt(jnp.diagonal(self.covariance, axis1=1, axis2=2)).T
 
     @property
     def determined(self) -> np.ndarray:
@@ -107,7 +128,18 @@ class Estimate:
         """Whether the value is finite and every channel determines every unknown."""
         finite = bool(np.all(np.isfinite(np.asarray(self.value))))
         whole = np.all(np.asarray(self.rank) == self.value.shape[0])
-        return bool(self.converged) and finite and bool(whole)
+        return bool(self.converged) and finite and bool(whole) and self._possible
+
+    @property
+    def _possible(self) -> bool:
+        """Whether some light of non-negative radiance has these degrees 0 and 1."""
+        value = np.asarray(self.value, float)
+        if self.names or len(value) < 4:
+            return True
+        first = np.linalg.norm(value[1:4], axis=0)
+        return bool(
+            np.all(first <= math.sqrt(3) * np.maximum(value[0], 0) * (1 + 1e-4))
+        )
 
     @property
     def message(self) -> str:
@@ -130,6 +162,12 @@ class Estimate:
                     "; no light has L_00 <= 0: look for pixels on an outline, or for "
                     "wrong normals"
                 )
+        if not self._possible and bool(np.all(np.asarray(self.value)[0] > 0)):
+            line += (
+                "; in some channel |L_1| > sqrt(3) L_00, which no light of non-negative "
+                "radiance has: is the picture linear, are outlines and shadows masked? "
+                "nonnegative=True (--nonnegative) finds the nearest that can be"
+            )
         if count == size:
             return line
         lost = np.max(np.asarray(self.prior_fraction), axis=1) > _UNDETERMINED
@@ -165,7 +203,7 @@ class Estimate:
             jnp.max(jnp.abs(self.full_value)), jnp.finfo(picture.dtype).tiny
         )
         lost = reach > (1e-5 * largest) ** 2
-        return picture, jnp.where(lost, jnp.inf, jnp.sqrt(variance))
+        return picture, jnp.where(lost, jnp.inf, safe_sqrt(variance))
 
 
 def _sum_of_squares(push: Any, tangents: jax.Array) -> jax.Array:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from shjax import render
-from shjax.arrays import Array
+from shjax.arrays import Array, as_float, as_number_or_float, safe_sqrt, shape_of
 from shjax.brdf import ggx, lambertian
 from shjax.harmonics.degrees import degree_of_coefs, degrees
 from shjax.irradiance import irradiance
@@ -61,12 +61,13 @@ def lighting_error(
             f"{predicted.shape[-1]} and {truth.shape[-1]}."
         )
     missing = max(size - predicted.shape[0], 0)
-    guess = jnp.pad(jnp.asarray(predicted), ((0, missing), (0, 0)))[:size]
+    guess, exact = as_float("predicted", predicted), as_float("truth", truth)[:size]
+    guess = jnp.pad(guess, ((0, missing), (0, 0)))[:size].astype(exact.dtype)
     apart, own = (
         jax.ops.segment_sum(
             jnp.sum(a * a, axis=1), degrees(l_max), num_segments=l_max + 1
         )
-        for a in (guess - jnp.asarray(truth)[:size], jnp.asarray(truth)[:size])
+        for a in (guess - exact, exact)
     )
     return LightingError(_ratio(jnp.sum(apart), jnp.sum(own)), _ratio(apart, own))
 
@@ -74,7 +75,7 @@ def lighting_error(
 def _ratio(apart: jax.Array, own: jax.Array) -> jax.Array:
     """The root of a quotient; 0 / 0 is 0."""
     nonzero = own > 0
-    root = jnp.sqrt(apart / jnp.where(nonzero, own, 1))
+    root = safe_sqrt(apart / jnp.where(nonzero, own, 1))
     return jnp.where(nonzero, root, jnp.where(apart > 0, jnp.inf, 0))
 
 
@@ -103,6 +104,7 @@ def irradiance_errors(
     exact = irradiance(truth, normals)
     apart = jnp.abs(irradiance(predicted, normals) - exact)
     mean = jnp.mean(exact)
+    mean = jnp.where(mean == 0, 1, mean)
     return IrradianceErrors(jnp.mean(apart) / mean, jnp.max(apart) / mean)
 
 
@@ -135,28 +137,37 @@ def picture_errors(
     Raises:
         ValueError: If the shapes differ.
     """
-    if picture.shape != truth.shape or mask.shape != truth.shape[:-1]:
+    shapes = [
+        shape_of(name, a)
+        for name, a in (("picture", picture), ("truth", truth), ("mask", mask))
+    ]
+    if shapes[0] != shapes[1] or mask.shape != truth.shape[:-1]:
         raise ValueError(
             "picture and truth must have one shape and mask theirs without channels; "
             f"got {picture.shape}, {truth.shape} and {mask.shape}."
         )
-    picture, truth = jnp.asarray(picture), jnp.asarray(truth)
-    weights = jnp.asarray(mask, truth.dtype)[..., None]
+    picture, truth = as_float("picture", picture), as_float("truth", truth)
+    weights = as_number_or_float("mask", mask, truth.dtype)[..., None]
     shape = truth.shape
     wide = jnp.broadcast_to(weights, shape)
 
     def rmse(guess):
-        return jnp.sqrt(jnp.sum(wide * (guess - truth) ** 2) / jnp.sum(wide))
+        total = jnp.sum(wide)
+        return safe_sqrt(
+            jnp.sum(wide * (guess - truth) ** 2) / jnp.where(total > 0, total, 1)
+        )
 
     power = jnp.sum(wide * picture * picture)
     scale = jnp.sum(wide * picture * truth) / jnp.where(power > 0, power, 1)
     # Half the angle from the two unit vectors' difference and sum keeps its digits.
     one, two = (a / _length(a) for a in (picture, truth))
-    across, along = (jnp.linalg.norm(a, axis=-1) for a in (one - two, one + two))
+    across, along = (safe_sqrt(jnp.sum(a * a, axis=-1)) for a in (one - two, one + two))
     both = jnp.all(jnp.stack([_lit(a) for a in (picture, truth)]), axis=0)
     counted = weights[..., 0] * both.astype(truth.dtype)
     total = jnp.sum(counted)
-    angle = jnp.sum(counted * 2 * jnp.arctan2(across, along))
+    angle = jnp.sum(
+        counted * 2 * jnp.arctan2(across, jnp.where(across + along > 0, along, 1))
+    )
     angle = angle / jnp.where(total > 0, total, 1)
     return PictureErrors(rmse(picture), rmse(scale * picture), jnp.degrees(angle))
 
@@ -166,7 +177,7 @@ def _lit(picture: jax.Array) -> jax.Array:
 
 
 def _length(picture: jax.Array) -> jax.Array:
-    length = jnp.linalg.norm(picture, axis=-1, keepdims=True)
+    length = safe_sqrt(jnp.sum(picture * picture, axis=-1, keepdims=True))
     return jnp.broadcast_to(jnp.where(length > 0, length, 1), picture.shape)
 
 

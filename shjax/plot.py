@@ -26,6 +26,13 @@ from shjax.model import choose_model
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+__all__ = ["coefficients", "errors", "reflection_maps", "spectra", "three_balls"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 _INCH = 2.0
 
 

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
+from shjax.arrays import Array, as_float, check_count
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs, scale_degrees
 from shjax.harmonics.evaluation import basis
 from shjax.harmonics.spectrum import laplacian
@@ -34,6 +34,7 @@ _WINDOWS = {
     "sinc^4": lambda x: np.sinc(x) ** 4,
 }
 NAMES = (*_WINDOWS, "automatic")
+_DIM = 1e-3  # of the brightest channel's mean: below, a channel is smoothed by itself
 
 
 def window(
@@ -58,8 +59,9 @@ def window(
     >>> [f"{gain:.3f}" for gain in window("hann", 2)]
     ['1.000', '0.750', '0.250']
     """
-    if name not in _WINDOWS:
+    if not isinstance(name, str) or name.lower() not in _WINDOWS:
         raise ValueError(f"name must be one of {', '.join(_WINDOWS)}; got {name!r}.")
+    name = name.lower()
     width = check_l_max(l_max) + 1 if width is None else width
     if not width > 0:
         raise ValueError(f"width must be positive; got {width}.")
@@ -73,8 +75,9 @@ class Deringed(NamedTuple):
 
     Attributes:
         lighting: Coefficients, ``(K, C)``.
-        gains: What each degree was multiplied by, ``(l_max + 1,)``.
-        strength: The smoothing; 0 where nothing rang.
+        gains: What each degree was multiplied by, ``(l_max + 1,)``, in all channels
+            that are not nearly black.
+        strength: The smoothing, the most of any channel; 0 where nothing rang.
         smallest: Smallest irradiance of ``lighting`` over its mean, the worst channel.
     """
 
@@ -89,8 +92,10 @@ def dering(lighting: Float[Array, "K C"], *, steps: int = 40) -> Deringed:
 
     Gains ``1 / (1 + s l^2 (l + 1)^2)``, the minimisers of error plus s times the squared
     Laplacian, with the smallest s >= 0 for which no normal of any channel receives
-    negative irradiance; found by bisection. Light that does not ring is left alone. Runs
-    eagerly: how much smoothing is needed is data.
+    negative irradiance; found by bisection. Light that does not ring is left alone.
+    Channels whose mean is below a thousandth of the brightest one's have an s of their
+    own: noise in a black channel does not smooth the others. Runs eagerly: how much
+    smoothing is needed is data.
 
     Args:
         lighting: Radiance coefficients.
@@ -100,28 +105,66 @@ def dering(lighting: Float[Array, "K C"], *, steps: int = 40) -> Deringed:
         A :class:`Deringed`.
 
     Raises:
-        ValueError: If the shape is wrong, or a channel's mean is negative, which no
-            window can mend.
+        ValueError: If the shape is wrong, a value is not finite, or a channel's mean is
+            negative, or zero while its other coefficients are not: no light has that,
+            and no window can mend it.
     """
     l_max = degree_of_coefs(lighting, "lighting")
     lighting = as_float("lighting", lighting)
-    if np.any(np.asarray(lighting)[0] < 0):
-        raise ValueError("lighting must have a mean >= 0 in every channel.")
+    if lighting.ndim != 2:
+        raise ValueError(f"lighting must have shape (K, C); got {lighting.shape}.")
+    check_count("steps", steps)
+    concrete = np.asarray(lighting)
+    if not np.all(np.isfinite(concrete)):
+        raise ValueError("lighting must be finite.")
+    mean, lit = concrete[0], np.any(concrete != 0, axis=0)
+    if np.any(mean < 0) or np.any(lit & (mean == 0)):
+        bad = int(np.flatnonzero((mean < 0) | (lit & (mean == 0)))[0])
+        raise ValueError(
+            "lighting must have a mean > 0 in every channel that is not black; channel "
+            f"{bad} has L_00 = {mean[bad]:.3g}."
+        )
+    dim = lit & (mean < _DIM * mean.max())
+    groups = [np.flatnonzero(lit & ~dim), *np.flatnonzero(dim)[:, None]]
+    result, strongest, worst = lighting, 0.0, np.inf
+    gains = np.ones(l_max + 1)
+    for channels in groups:
+        if not channels.size:
+            continue
+        found, strength, smallest = _least_smoothing(
+            jnp.take(lighting, channels, axis=1), l_max, steps
+        )
+        result = result.at[:, channels].set(found)
+        if channels is groups[0]:
+            gains = _gains(strength, l_max)
+        strongest, worst = max(strongest, strength), min(worst, smallest)
+    return Deringed(
+        result,
+        jnp.asarray(gains, lighting.dtype),
+        strongest,
+        worst if np.isfinite(worst) else 0.0,
+    )
+
+
+def _least_smoothing(
+    lighting: jax.Array, l_max: int, steps: int
+) -> tuple[jax.Array, float, float]:
+    """The smoothed light of some channels, the strength, and what it leaves."""
+    # In units of each channel's mean: a dim channel keeps its digits.
+    unit = lighting / jnp.broadcast_to(lighting[:1], lighting.shape)
 
     def smallest(strength: float) -> float:
-        return float(smallest_irradiance(_smoothed(lighting, strength, l_max)))
+        return float(smallest_irradiance(_smoothed(unit, strength, l_max)))
 
     low, high = 0.0, 0.0
     if smallest(0.0) < 0:
         high = 1e-4
-        while smallest(high) < 0 and high < 1e8:
+        while smallest(high) < 0 and high < 1e30:
             low, high = high, high * 4
         for _ in range(steps):
             middle = (low + high) / 2
             low, high = (low, middle) if smallest(middle) >= 0 else (middle, high)
-    result = _smoothed(lighting, high, l_max)
-    gains = jnp.asarray(_gains(high, l_max), lighting.dtype)
-    return Deringed(result, gains, high, smallest(high))
+    return _smoothed(lighting, high, l_max), high, smallest(high)
 
 
 def _gains(strength: float, l_max: int) -> np.ndarray:
@@ -198,7 +241,7 @@ def apply_window(lighting: Float[Array, "K C"], name: str) -> Float[jax.Array, "
     Raises:
         ValueError: If the name is unknown.
     """
-    if name == "automatic":
+    if name.lower() == "automatic":
         return dering(lighting).lighting
     lighting = as_float("lighting", lighting)
     gains = window(name, degree_of_coefs(lighting, "lighting"))

@@ -59,7 +59,7 @@ def test_what_is_no_mesh_is_refused_by_name(tmp_path):
             load_mesh(tmp_path / name)
     with pytest.raises(OSError, match="gone"):
         load_mesh(tmp_path / "gone.obj")
-    with pytest.raises(ValueError, match="size and samples"):
+    with pytest.raises(ValueError, match="size must be positive"):
         render.mesh(tmp_path / "gone.obj", render.Camera(), 0)
 
 

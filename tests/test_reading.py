@@ -129,8 +129,18 @@ def test_colours_that_the_conversion_makes_negative_are_told_apart(tmp_path):
     green = np.zeros((4, 8, 3), np.float32)
     green[..., 1] = 1
     coloured(np.eye(3), P_CG)(tmp_path / "a.exr", green)
-    with pytest.raises(ValueError, match="colours outside Rec. 709, to which"):
-        io.read_envmap(tmp_path / "a.exr")
+    # They are the conversion's, not the file's: integrated, and said.
+    found = io.read_envmap(tmp_path / "a.exr")
+    assert "colours outside Rec. 709) integrated as they stand" in str(found.report)
+    assert found.report.negative == 64
+    kept = io.read_envmap(tmp_path / "a.exr", primaries="keep")
+    np.testing.assert_array_equal(kept.image, green)
+    assert "ACEScg kept" in str(kept.report)
+    assert io.read_envmap(tmp_path / "a.exr", invalid="clamp").image.min() == 0
+    coloured(np.eye(3), P_CG)(tmp_path / "a.exr", green - 0.01)
+    for isolate in (False, True):
+        with pytest.raises(ValueError, match="negative values hold"):
+            io.read_envmap(tmp_path / "a.exr", isolate=isolate)
 
 
 def test_comments_in_a_pfm(tmp_path):
@@ -402,19 +412,19 @@ def test_the_worker_is_restarted_after_a_crash(tmp_path, monkeypatch):
     path, _, _ = write(tmp_path, "exr float")
     isolation.stop()
     io.read_image(path, isolate=True)
-    first = isolation._worker._process
+    first = isolation._pool._idle[-1]._process
     first.kill()
     first.wait()
     with pytest.raises(ValueError, match=r"a\.exr: crashed the reader"):
         io.read_image(path, isolate=True)
     np.testing.assert_array_equal(io.read_image(path, isolate=True), picture())
-    assert isolation._worker._process.pid != first.pid
+    assert isolation._pool._idle[-1]._process.pid != first.pid
 
 
 def test_the_worker_is_restarted_when_a_file_takes_too_long(tmp_path, monkeypatch):
     path, _, _ = write(tmp_path, "exr float")
     io.read_image(path, isolate=True)
-    os.kill(isolation._worker._process.pid, 19)  # SIGSTOP
+    os.kill(isolation._pool._idle[-1]._process.pid, 19)  # SIGSTOP
     monkeypatch.setattr(isolation, "SECONDS", 0.3)
     start = time.perf_counter()
     with pytest.raises(ValueError, match=r"a\.exr: took longer than"):
@@ -429,7 +439,7 @@ def test_the_worker_ends_with_its_caller(tmp_path):
     script = (
         "import sys; from shjax import io; from shjax.io import isolation\n"
         f"io.read_image({str(path)!r}, isolate=True)\n"
-        "print(isolation._worker._process.pid)"
+        "print(isolation._pool._idle[-1]._process.pid)"
     )
     run = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
@@ -481,7 +491,7 @@ from shjax.io import isolation
 def peaks():
     lines = [
         line.split()
-        for pid in ("self", isolation._worker._process.pid)
+        for pid in ("self", isolation._pool._idle[-1]._process.pid)
         for line in Path(f"/proc/{pid}/status").read_text().splitlines()
     ]
     return sum(int(line[1]) for line in lines if line[0] == "VmHWM:")

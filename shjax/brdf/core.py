@@ -158,7 +158,8 @@ def _float_type(value):
     if jnp.issubdtype(given, jnp.floating) and hasattr(value, "dtype"):
         widened = jnp.float32 if jnp.finfo(given).bits < 32 else given
         return jax.dtypes.canonicalize_dtype(widened)
-    if jnp.issubdtype(given, jnp.floating) or jnp.issubdtype(given, jnp.integer):
+    whole = jnp.issubdtype(given, jnp.integer) and given != np.uint8
+    if jnp.issubdtype(given, jnp.floating) or whole:
         return jnp.result_type(float)
     raise ValueError(f"a BRDF's parameters must be real numbers; got {given}.")
 

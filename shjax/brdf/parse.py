@@ -68,7 +68,7 @@ def parse(text: str) -> Brdf:
 def _term(term: str) -> Brdf:
     factor, star, rest = term.partition("*")
     words = (rest if star else term).split()
-    name = words[0] if words else ""
+    name = words[0].lower() if words else ""
     if name not in MODELS:
         raise ValueError(f"brdf must be one of {', '.join(MODELS)}; got {term!r}.")
     make = MODELS[name]
@@ -76,6 +76,7 @@ def _term(term: str) -> Brdf:
     given = {}
     for word in words[1:]:
         key, equals, value = word.partition("=")
+        key = key.lower()
         if not equals or key not in known:
             raise ValueError(
                 f"{name} takes {', '.join(f'{k}=...' for k in known)}; got {word!r}."

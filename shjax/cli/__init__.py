@@ -5,6 +5,7 @@ Exit status: 0, or one line on standard error and 2 (bad input) or 1 (a failure)
 
 from __future__ import annotations
 
+import os
 import sys
 
 import click
@@ -23,6 +24,8 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line; errors are one line on standard error."""
+    for stream in (sys.stdout, sys.stderr):  # a file's name may be of no encoding
+        stream.reconfigure(errors="backslashreplace")
     from shjax.cli.convert import convert
     from shjax.cli.estimate import estimate
     from shjax.cli.light import light
@@ -40,6 +43,11 @@ def main() -> None:
     cli.add_command(remap)
     try:
         status = cli.main(standalone_mode=False)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read the output has enough of it; files were written before.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 1
     except click.exceptions.NoArgsIsHelpError as error:
         print(error.format_message())
         status = 2

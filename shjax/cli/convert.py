@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -22,6 +21,7 @@ from shjax.cli.options import (
 from shjax.conventions import CONVENTIONS
 from shjax.harmonics.degrees import degree_of_coefs
 from shjax.io.coefs import FORMATS
+from shjax.io.writing import json_text
 from shjax.windows import apply_window
 
 SCHEMA = "shjax.convert/1"
@@ -109,7 +109,7 @@ def convert(
     if as_json and not quiet:
         written = {"schema": SCHEMA, "source": str(source), "target": str(target)}
         written |= {"format": format, "l_max": degree_of_coefs(coefs)}
-        print(json.dumps({**written, "notes": [note for note in notes if note]}))
+        print(json_text({**written, "notes": [note for note in notes if note]}))
     elif not quiet:
         for line in (*notes, f"{target}: {coefs.shape[0]} coefficients, {format}"):
             if line:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import click
@@ -21,7 +20,8 @@ from shjax.cli.pictures import FRAME, as_rgb, compare, header
 from shjax.display import tone_map
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import degrees, orders
-from shjax.io.writing import check_folder, protecting
+from shjax.io.colour import decode_srgb, encode_srgb
+from shjax.io.writing import check_folder, json_text, protecting
 from shjax.render import Camera
 from shjax.render.shading import covered
 
@@ -65,9 +65,11 @@ class _Numbers(click.ParamType):
     help="The pixels' normals; 0,0,0 where nothing is seen.",
 )  # fmt: skip
 @click.option(
-    "--normals-frame", type=click.Choice(["world", "camera"]),
-    help="camera: x right, y up, z towards the camera. Needed with --normals.",
+    "--normals-frame", type=click.Choice(list(surface.NORMAL_FRAMES)),
+    help="camera: x right, y up, z towards the camera; opencv: y down, z away; world: "
+    "shjax's; blender: the same; mitsuba: y up. Needed with --normals.",
 )  # fmt: skip
+@click.option("--layer", help="Layer of the normals' EXR, like nn or ViewLayer.Normal.")
 @click.option(
     "--normals-range", type=click.Choice(["signed", "unsigned"]),
     help="[-1, 1] or [0, 1]. Needed with --normals.",
@@ -113,6 +115,20 @@ class _Numbers(click.ParamType):
     help="What the picture was multiplied by.",
 )  # fmt: skip
 @click.option(
+    "--transfer", type=click.Choice(["auto", "srgb", "linear"]), default="auto",
+    show_default=True,
+    help="How an 8- or 16-bit picture stores light; auto: sRGB unless the file says "
+    "otherwise.",
+)  # fmt: skip
+@click.option(
+    "--nonnegative", is_flag=True, help="Allow no light of negative radiance."
+)
+@click.option(
+    "--loss", default="squares", show_default=True,
+    type=click.Choice(["squares", "huber", "cauchy"]),
+    help="Of the residuals; huber and cauchy bear outliers.",
+)  # fmt: skip
+@click.option(
     "--plain", is_flag=True,
     help="Least squares of these degrees alone: light of higher ones is an error of them.",
 )  # fmt: skip
@@ -121,7 +137,8 @@ class _Numbers(click.ParamType):
 def estimate(image: Path, out: Path, as_json: bool, quiet: bool, **options) -> int:
     """Estimate the light from a picture of an object whose shape is known.
 
-    IMAGE is linear (EXR, HDR) or an 8- or 16-bit sRGB picture, which is decoded; values
+    IMAGE is linear (EXR, HDR) or an 8- or 16-bit picture, decoded as sRGB unless
+    --transfer linear says that it is not; values
     at its white count as "at least that". Say what it shows by one of --sphere, --normals
     or --mesh. A sphere and normals of the camera's frame are seen along +x with +z up:
     that frame is the light's.
@@ -146,7 +163,7 @@ def estimate(image: Path, out: Path, as_json: bool, quiet: bool, **options) -> i
     _check(options)
     result = run(image, out, **options)
     if as_json and not quiet:
-        print(json.dumps(result))
+        print(json_text(result))
     elif not quiet:
         show(Console(highlight=False), result)
     return 0
@@ -169,7 +186,11 @@ def _check(options: dict) -> None:
         raise click.UsageError("--mesh needs --camera.")
     if options["brdf"] is not None and ways == ["mesh"]:
         raise click.UsageError("--brdf does not go with --mesh: its shadows are matte.")
-    if options["brdf"] is not None and options["normals_frame"] == "world":
+    if (
+        options["brdf"] is not None
+        and ways == ["normals"]
+        and options["normals_frame"] not in surface.SEEN_FRAMES
+    ):
         raise click.UsageError(
             "--brdf needs views, which normals in the world's frame do not tell."
         )
@@ -177,21 +198,21 @@ def _check(options: dict) -> None:
 
 def _shown(size: tuple[int, int], options: dict) -> surface.Shown:
     if options["sphere"] is not None:
-        shown = surface.of_sphere(size, options["sphere"])
-    elif options["normals"] is not None:
+        return surface.of_sphere(size, options["sphere"])
+    if options["normals"] is not None:
         return surface.of_normals(
             size, options["normals"], options["normals_frame"],
             options["normals_range"] == "signed", options["mask"],
+            options["layer"],
         )  # fmt: skip
-    else:
-        place = options["camera"]
-        fov = None if options["fov"] is None else float(np.radians(options["fov"]))
-        camera = Camera(
-            origin=place[:3], target=place[3:] or (0.0, 0.0, 0.0), up=options["up"],
-            width=options["width"], fov=fov,
-        )  # fmt: skip
-        degree = options["l_max"] if options["plain"] else 10
-        shown = surface.of_mesh(size, options["mesh"], camera, degree)
+    place = options["camera"]
+    fov = None if options["fov"] is None else float(np.radians(options["fov"]))
+    camera = Camera(
+        origin=place[:3], target=place[3:] or (0.0, 0.0, 0.0), up=options["up"],
+        width=options["width"], fov=fov,
+    )  # fmt: skip
+    degree = options["l_max"] if options["plain"] else 10
+    shown = surface.of_mesh(size, options["mesh"], camera, degree)
     if options["mask"] is None:
         return shown
     weights = surface.read_mask(options["mask"], size)
@@ -201,11 +222,22 @@ def _shown(size: tuple[int, int], options: dict) -> surface.Shown:
 
 def run(image: Path, out: Path, **options) -> dict:
     """The whole job; writes into ``out`` and returns what it found."""
-    picture = io.read_image(image, isolate=True).astype(float)
+    picture, transfer = _light_of(image, options["transfer"])
+    size = picture.shape[:2]
     ldr = image.suffix.lower() in _LDR
     clipped = picture >= 1 - 1e-6 if ldr else np.zeros(picture.shape, bool)
     picture = picture / options["exposure"]
-    shown = _shown(picture.shape[:2], options)
+    if options["sphere"] is not None:
+        window, factor, circle = surface.crop_to_sphere(size, options["sphere"])
+        picture = surface.averaged(picture[window], factor)
+        clipped = surface.averaged(clipped[window].astype(float), factor) > 0
+        shown = surface.of_sphere(picture.shape[:2], circle)
+        if options["mask"] is not None:
+            whole = surface.read_mask(options["mask"], size)[window][..., None]
+            weights = (surface.averaged(whole, factor)[..., 0] == 1).astype(float)
+            shown = dataclasses.replace(shown, mask=weights)
+    else:
+        shown = _shown(size, options)
     normals, mask, brdf = shown.normals, shown.mask, options["brdf"]
     more = {}
     if brdf is not None:
@@ -217,13 +249,15 @@ def run(image: Path, out: Path, **options) -> dict:
     found = shjax.estimate_lighting(
         picture, normals, mask=mask, albedo=albedo, l_max=options["l_max"],
         prior=None if options["plain"] else "picture", rows=shown.rows,
-        clipped=clipped if clipped.any() else None, **more,
+        clipped=clipped if clipped.any() else None, loss=options["loss"],
+        nonnegative=options["nonnegative"], **more,
     )  # fmt: skip
     again = _again(found, shown, albedo)
     result = {
         "schema": SCHEMA,
         "source": str(image),
         "shows": shown.about,
+        "transfer": transfer,
         "l_max": options["l_max"],
         "frame": FRAME if options["mesh"] is None else "the mesh's own coordinates",
         "basis": BASIS,
@@ -241,6 +275,25 @@ def run(image: Path, out: Path, **options) -> dict:
     result["words"] = _words(result)
     result["files"] = _write(out, image.stem, result, found, picture, again, shown)
     return result
+
+
+def _light_of(image: Path, transfer: str) -> tuple[np.ndarray, str]:
+    """A picture's linear light, and how it was decoded, in words."""
+    decoded = io.images.decode(image, max_pixels=io.images.MAX_PIXELS, isolate=True)
+    picture = io.images.in_memory(image, decoded).astype(float)
+    if not np.all(np.isfinite(picture)):
+        bad = int(np.sum(~np.isfinite(picture)))
+        raise ValueError(f"{image}: {bad} values are NaN or infinite.")
+    stored_as_srgb = "sRGB decoded" in decoded.kind
+    if transfer == "linear" and stored_as_srgb:
+        return encode_srgb(picture), "taken as linear, as --transfer says"
+    if transfer == "srgb" and not stored_as_srgb:
+        return decode_srgb(
+            np.clip(picture, 0, 1)
+        ), "decoded as sRGB, as --transfer says"
+    if stored_as_srgb:
+        return picture, "decoded as sRGB (--transfer linear if it is not)"
+    return picture, "linear"
 
 
 def _finite(values) -> list:
@@ -285,12 +338,13 @@ def _words(result: dict) -> list[str]:
             )
     if result["clipped_share"] > 0:
         lines.append(f"{result['clipped_share']:.1%} of the values are at white")
+    lines.append(f"the picture's values: {result['transfer']}")
     return lines
 
 
 def _write(out: Path, stem: str, result, found, picture, again, shown) -> dict:
     about = header(result["source"], units="radiance")
-    panorama = np.asarray(shjax.synthesize(found.value, n_theta=64, n_phi=128))
+    panorama = np.asarray(shjax.synthesize(found.value, n_theta=256, n_phi=512))
     seen = np.asarray(shown.gbuffer.mask)[..., None] > 0
     panels, coloured = compare(again, np.where(seen, picture, 0))
     files = {
@@ -307,7 +361,7 @@ def _write(out: Path, stem: str, result, found, picture, again, shown) -> dict:
     )  # fmt: skip
     io.write_image(files["pictures.png"], coloured)
     io.write_text(
-        files["light.json"], json.dumps({**result, "files": files}, indent=1) + "\n"
+        files["light.json"], json_text({**result, "files": files}, indent=1) + "\n"
     )
     return files
 

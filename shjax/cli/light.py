@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +25,7 @@ from shjax.cli.options import (
 )
 from shjax.cli.pictures import FRAME, progress_display
 from shjax.envmap import EnvironmentMap
-from shjax.io.writing import check_folder, protecting
+from shjax.io.writing import check_folder, json_text, protecting
 from shjax.windows import apply_window
 
 SCHEMA = "shjax.light/1"
@@ -134,7 +133,7 @@ def light(
             else:
                 count["kept" if kept else "done"] += 1
                 if as_json and not quiet:
-                    print(json.dumps(result), flush=True)
+                    print(json_text(result), flush=True)
                 elif len(paths) == 1:
                     print_result(stdout, result)
                 else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from shjax.cli.pictures import FRAME, as_rgb, compare, header, turned
 from shjax.display import tone_map
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
+from shjax.io.writing import json_text
 from shjax.lights import split_lights
 
 _ROWS_SHOWN = 25
@@ -55,7 +55,7 @@ def write_results(
     files["lighting.json"] = str(out / f"{stem}_lighting.json")
     # Last, so that its presence says that all the others are there.
     io.write_text(
-        files["lighting.json"], json.dumps({**result, "files": files}, indent=1) + "\n"
+        files["lighting.json"], json_text({**result, "files": files}, indent=1) + "\n"
     )
     return files
 
@@ -87,7 +87,7 @@ def write_split(
         "faces the light; angles in degrees, azimuth from +x towards +y",
         "lights": found,
     }
-    io.write_text(files["lights.json"], json.dumps(content, indent=1) + "\n")
+    io.write_text(files["lights.json"], json_text(content, indent=1) + "\n")
     return found, files
 
 

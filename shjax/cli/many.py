@@ -10,6 +10,15 @@ import click
 
 from shjax.io.reading import SUFFIXES, cube_faces, naming
 
+_ENDINGS = tuple(
+    f"_{name}"
+    for name in (
+        "irradiance.exr", "irradiance.png", "spheres.exr", "spheres.png", "rest.exr",
+        "reflection.exr", "reflection.png", "shrm.exr", "light.exr", "light.png",
+        "pictures.exr", "pictures.png",
+    )
+)  # fmt: skip
+
 
 def expand(paths: list[Path]) -> list[Path]:
     """Environment maps named one by one or by their folder, each once.
@@ -23,13 +32,45 @@ def expand(paths: list[Path]) -> list[Path]:
     for path in paths:
         inside = [path]
         if path.is_dir() and cube_faces(path) is None:
-            inside = [entry for entry in sorted(path.iterdir()) if _is_map(entry)]
+            own = _results(path)
+            inside = [
+                entry
+                for entry in sorted(path.iterdir())
+                if _is_map(entry) and entry.name not in own
+            ]
             if not inside:
                 raise click.UsageError(
-                    f"{path}: holds no environment map ({', '.join(SUFFIXES)})."
+                    f"{path}: holds no environment map ({', '.join(SUFFIXES)})"
+                    + (", only results of shjax." if own else ".")
                 )
         found += inside
     return list(dict.fromkeys(found))
+
+
+def _results(folder: Path) -> set[str]:
+    """Names in a folder that are results of ours: told by a record, or beside a map."""
+    names = {entry.name for entry in folder.iterdir()}
+    found = set()
+    for name in names:
+        if name.endswith(".json"):
+            found |= _recorded(folder / name)
+    stems = {Path(name).stem for name in names}
+    for name in names:
+        # Of a run that was interrupted before it wrote its record.
+        for ending in _ENDINGS:
+            if name.endswith(ending) and name.removesuffix(ending) in stems:
+                found.add(name)
+    return found & names
+
+
+def _recorded(record: Path) -> set[str]:
+    try:
+        content = json.loads(record.read_text(encoding="utf-8"))
+        if not str(content["schema"]).startswith("shjax."):
+            return set()
+        return {Path(name).name for name in content["files"].values()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return set()
 
 
 def _is_map(path: Path) -> bool:

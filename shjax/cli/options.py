@@ -24,6 +24,12 @@ from shjax.windows import NAMES
 class FiniteRange(click.FloatRange):
     """A finite number within limits; click's own lets NaN pass, which no limit stops."""
 
+    def _describe_range(self) -> str:
+        """The limits in words; click's own says ``x<=None`` where there is none."""
+        if self.min is None and self.max is None:
+            return "any finite number"
+        return super()._describe_range()
+
     def convert(self, value, param, ctx):
         """Text to a float."""
         number = super().convert(value, param, ctx)

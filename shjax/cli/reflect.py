@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import click
@@ -30,7 +29,7 @@ from shjax.cli.options import (
 from shjax.cli.pictures import FRAME, compare, header, progress_display, turned
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
-from shjax.io.writing import check_folder, protecting
+from shjax.io.writing import check_folder, json_text, protecting
 from shjax.model import Model, choose_model
 
 SCHEMA = "shjax.reflect/1"
@@ -131,9 +130,9 @@ def reflect(
     result = {"schema": SCHEMA, "source": str(path), **result}
     file = out / f"{path.stem}_reflect.json"
     result["files"]["reflect.json"] = str(file)
-    io.write_text(file, json.dumps(result, indent=1) + "\n")
+    io.write_text(file, json_text(result, indent=1) + "\n")
     if as_json and not quiet:
-        print(json.dumps(result), flush=True)
+        print(json_text(result), flush=True)
     elif not quiet:
         _print(Console(), result, envmap.report)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -19,7 +18,7 @@ from shjax.cli.pictures import as_rgb, header
 from shjax.display import OPERATORS, tone_map
 from shjax.envmap import EnvironmentMap
 from shjax.io.exr import COMPRESSIONS
-from shjax.io.writing import protecting
+from shjax.io.writing import json_text, protecting
 from shjax.layouts import LAYOUTS
 from shjax.layouts.cubes import FACES
 
@@ -114,7 +113,7 @@ def remap(
         height, width = image.shape[:2]
         result = {"schema": SCHEMA, "source": str(source), "layout": layout_to}
         result |= {"width": width, "height": height, "report": str(envmap.report)}
-        print(json.dumps({**result, "files": [str(path) for path in pictures]}))
+        print(json_text({**result, "files": [str(path) for path in pictures]}))
     elif not quiet:
         print(envmap.report)
         for path, picture in pictures.items():

@@ -33,7 +33,7 @@ from shjax.cli.options import (
 from shjax.cli.pictures import FRAME, as_rgb, header, progress_display
 from shjax.display import tone_map
 from shjax.ibl import PrefilteredLight, prefilter_light
-from shjax.io.writing import check_folder, protecting
+from shjax.io.writing import check_folder, json_text, protecting
 from shjax.model import Model, choose_model
 from shjax.render import Camera, GBuffer
 from shjax.render.meshes import load_mesh, trace_mesh
@@ -153,7 +153,7 @@ def render_command(
     }  # fmt: skip
     record = out / f"{mesh.stem}_render.json"
     again = _same(record, settings)
-    io.write_text(record, json.dumps(settings, indent=1) + "\n")
+    io.write_text(record, json_text(settings, indent=1) + "\n")
     files, white = [], None
     with progress_display(quiet) as progress:
         task = progress.add_task(f"{mesh.name}: drawing", total=turntable)
@@ -172,7 +172,7 @@ def render_command(
                 io.write_image(names[1], as_rgb(tone_map(picture, white=white)))
             progress.update(task, advance=1)
     if as_json and not quiet:
-        print(json.dumps({**settings, "files": files}), flush=True)
+        print(json_text({**settings, "files": files}), flush=True)
     elif not quiet:
         console = Console()
         console.print(str(envmap.report), style="bold", markup=False)
@@ -291,6 +291,6 @@ def _as_latlong(envmap) -> np.ndarray:
 
 def _same(record: Path, settings: dict) -> bool:
     try:
-        return json.loads(record.read_text()) == json.loads(json.dumps(settings))
+        return json.loads(record.read_text()) == json.loads(json_text(settings))
     except (OSError, ValueError):
         return False

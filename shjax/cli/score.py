@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -15,6 +14,7 @@ import shjax
 from shjax import io, metrics
 from shjax.cli.options import invalid_option, layout_option, light_of
 from shjax.harmonics.degrees import degree_of_coefs
+from shjax.io.writing import json_text
 from shjax.sphere import fibonacci_directions
 
 SCHEMA = "shjax.score/1"
@@ -75,7 +75,7 @@ def score(
         },
     }
     if as_json:
-        print(json.dumps(result))
+        print(json_text(result))
         return
     console = Console(highlight=False)
     degrees = ", ".join(f"{float(e):.2%}" for e in np.asarray(error.per_degree))

@@ -16,10 +16,20 @@ from shjax.render.meshes import trace_mesh
 
 # A camera looks along +x with +z up: its right, up and towards itself, one a column.
 CAMERA_TO_WORLD = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+# Frames of normals by name: x, y and z of each in the library's frame, one a column.
+NORMAL_FRAMES = {
+    "world": np.eye(3),
+    "blender": np.eye(3),
+    "mitsuba": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+    "camera": CAMERA_TO_WORLD,
+    "opencv": CAMERA_TO_WORLD * np.array([1, -1, -1]),
+}
+SEEN_FRAMES = ("camera", "opencv")  # in which the direction to the camera is known
 _PARTS = (
     8 * 61
 )  # parts of a pixel's side times the radius: with half as many, a ball of
 # radius 61 gave light off by 15 % in place of 0.4 %, by its outline alone
+_MAX_RADIUS = 256  # pixels; a larger sphere is averaged over blocks of pixels
 _FACING = 0.2  # n.v below which one normal does not stand for a pixel
 
 
@@ -42,11 +52,45 @@ class Shown:
     about: str
 
 
-def of_sphere(size: tuple[int, int], circle: tuple[float, float, float]) -> Shown:
-    """A sphere seen from afar: its outline is a circle in pixels."""
+def crop_to_sphere(
+    size: tuple[int, int], circle: tuple[float, float, float]
+) -> tuple[tuple[slice, slice], int, tuple[float, float, float]]:
+    """The part of a picture that a sphere fills, and how many pixels become one.
+
+    Returns:
+        Rows and columns, the side of the blocks that are averaged (more than 1 for a
+        sphere of more than 256 pixels in radius), and the circle in that picture.
+    """
     cx, cy, radius = circle
     if radius <= 0:
         raise click.UsageError(f"--sphere needs a radius > 0; got {radius:g}.")
+    factor = int(np.ceil(radius / _MAX_RADIUS))
+    window, corner = [], []
+    for middle, length in ((cy, size[0]), (cx, size[1])):
+        first = int(np.clip(np.floor(middle - radius) - 1, 0, length))
+        last = int(np.clip(np.ceil(middle + radius) + 1, 0, length))
+        last = first + (last - first) // factor * factor
+        if last <= first:
+            raise click.UsageError(
+                f"--sphere {cx:g},{cy:g},{radius:g} covers no pixel of the {size[1]} x "
+                f"{size[0]} picture."
+            )
+        window.append(slice(first, last))
+        corner.append(first)
+    inside = (cx - corner[1]) / factor, (cy - corner[0]) / factor, radius / factor
+    return (window[0], window[1]), factor, inside
+
+
+def averaged(image: np.ndarray, factor: int) -> np.ndarray:
+    """Means over square blocks of pixels, ``(H, W, C)``."""
+    height, width, channels = image.shape
+    blocks = (height // factor, factor, width // factor, factor, channels)
+    return image.reshape(blocks).mean(axis=(1, 3))
+
+
+def of_sphere(size: tuple[int, int], circle: tuple[float, float, float]) -> Shown:
+    """A sphere seen from afar: its outline is a circle in pixels."""
+    cx, cy, radius = circle
     height, width = size
     parts = int(np.clip(np.ceil(_PARTS / radius), 2, 8))
     offsets = (np.arange(parts) + 0.5) / parts
@@ -74,19 +118,32 @@ def of_sphere(size: tuple[int, int], circle: tuple[float, float, float]) -> Show
 
 
 def of_normals(
-    size: tuple[int, int], path: Path, frame: str, signed: bool, mask: Path | None
+    size: tuple[int, int],
+    path: Path,
+    frame: str,
+    signed: bool,
+    mask: Path | None,
+    layer: str | None,
 ) -> Shown:
     """Normals from a picture, in a frame and a range that are named."""
-    normals = io.read_image(path, isolate=True).astype(float)
     if path.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise click.UsageError(
             f"{path}: an 8-bit picture is decoded as light; give normals as EXR."
         )
+    normals = io.read_vectors(path, layer=layer, isolate=True).astype(float)
     if normals.shape != (*size, 3):
         raise click.UsageError(
             f"--normals must have the picture's size {size[1]} x {size[0]} and three "
             f"channels; got {normals.shape[1]} x {normals.shape[0]}, {normals.shape[2]}."
         )
+    chosen = np.ones(size) if mask is None else read_mask(mask, size)
+    unknown = ~np.all(np.isfinite(normals), axis=-1)
+    if mask is not None and np.any(unknown & (chosen > 0)):
+        raise click.UsageError(
+            f"--normals holds {int(np.sum(unknown & (chosen > 0)))} normals that are not "
+            "finite where --mask is white."
+        )
+    normals = np.where(unknown[..., None], 0, normals)
     nothing = np.all(normals == 0, axis=-1)
     if not signed:
         if normals.min() < 0:
@@ -105,11 +162,16 @@ def of_normals(
     seen = ~nothing & ~odd
     unit = normals / np.where(seen, length, 1)[..., None]
     unit = np.where(seen[..., None], unit, 0)
-    world = unit @ CAMERA_TO_WORLD.T if frame == "camera" else unit
-    facing = world @ CAMERA_TO_WORLD[:, 2] > _FACING if frame == "camera" else seen
-    weights = (seen & facing).astype(float)
-    if mask is not None:
-        weights = weights * read_mask(mask, size)
+    world = unit @ NORMAL_FRAMES[frame].T
+    facing = seen
+    if frame in SEEN_FRAMES:
+        facing = world @ CAMERA_TO_WORLD[:, 2] > _FACING
+    weights = (seen & facing).astype(float) * chosen
+    if not weights.any():
+        raise click.UsageError(
+            f"no normal of {path} faces the camera in a pixel that counts; is "
+            f"--normals-frame {frame} right? camera: z towards the camera, opencv: z away."
+        )
     about = (
         f"normals of {path.name}, {frame} frame, {'signed' if signed else 'unsigned'}"
     )
@@ -130,13 +192,20 @@ def of_mesh(size: tuple[int, int], path: Path, camera: Camera, fit_l_max: int) -
 
 def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
     """Weights from a picture's first channel."""
-    mask = io.read_image(path, isolate=True)[..., 0]
+    image = io.read_image(path, isolate=True)
+    if image.min() == image.max() and path.suffix.lower() in (".png", ".tif", ".tiff"):
+        image = io.read_image(
+            path, alpha="only", isolate=True
+        )  # no mask in its colours
+    mask = image[..., 0]
     if mask.shape != size:
         raise click.UsageError(
             f"--mask must have the picture's size {size[1]} x {size[0]}; got "
             f"{mask.shape[1]} x {mask.shape[0]}."
         )
-    return (mask > 0.5).astype(float)
+    if not np.any(mask > 0):
+        raise click.UsageError(f"--mask {path} is black: it leaves no pixel.")
+    return (mask > 0.5 * mask.max()).astype(float)  # white may be stored as 1
 
 
 def _gbuffer(normals: np.ndarray, mask: np.ndarray) -> GBuffer:

@@ -57,7 +57,7 @@ class Spectra(NamedTuple):
     data_fields=("texels", "irradiance", "lights", "spectra"),
     meta_fields=(),
 )
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class PrefilteredLight:
     """A light, ready to shade any material (:func:`shjax.shade`).
 
@@ -74,6 +74,17 @@ class PrefilteredLight:
     irradiance: Float[Array, "*lights 9 C"]
     lights: CapLights
     spectra: Spectra
+
+    def __repr__(self) -> str:
+        """What it holds, in two lines."""
+        *front, _, _, channels = self.texels.shape
+        many = f"{math.prod(front)} lights of " if front else ""
+        count = self.lights.heights.shape[-1]
+        return (
+            f"PrefilteredLight: {many}{self.maps} maps at {LEVELS} roughnesses, {channels} "
+            f"channels, {self.bytes / 1e6:.3g} MB\n"
+            f"  9 coefficients for the diffuse part, {count} small lights shaded apart"
+        )
 
     @property
     def maps(self) -> int:

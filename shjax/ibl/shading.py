@@ -20,7 +20,13 @@ from shjax.adapted.ggx import (
     uniform_response,
     view_functions,
 )
-from shjax.arrays import Array, as_float, check_vectors, in_blocks
+from shjax.arrays import (
+    Array,
+    as_float,
+    as_number_or_float,
+    check_vectors,
+    in_blocks,
+)
 from shjax.brdf.ggx import Half, distribution_masking, schlick
 from shjax.harmonics import evaluate
 from shjax.ibl.prefiltering import PrefilteredLight, level_shape, level_starts
@@ -95,7 +101,7 @@ def shade(
 
 
 def _per_point(name: str, value, shape: tuple[int, ...], dtype) -> jax.Array:
-    array = jnp.asarray(value, dtype)
+    array = as_number_or_float(name, value, dtype)
     try:
         spread = jnp.broadcast_to(array, shape)
     except ValueError:

@@ -10,7 +10,13 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float, UInt8
 
-from shjax.arrays import Array, as_float, check_channels
+from shjax.arrays import (
+    Array,
+    as_float,
+    as_number_or_float,
+    check_channels,
+    shape_of,
+)
 
 
 class Decoded(NamedTuple):
@@ -82,9 +88,9 @@ def flatten(image, seen, mask, albedo) -> Pixels:
     points, dtype = image.shape[:-1], image.dtype
     weights = jnp.asarray(seen, dtype)
     if mask is not None:
-        if mask.shape != points:
+        if shape_of("mask", mask) != points:
             raise ValueError(f"mask must have shape {points}; got {mask.shape}.")
-        weights = weights * jnp.asarray(mask, dtype)
+        weights = weights * as_number_or_float("mask", mask, dtype)
     shape = jnp.shape(albedo)
     last = 1 if not shape or shape[-1] == 1 else image.shape[-1]
     albedo = fit("albedo", albedo, (*points, last), dtype)
@@ -112,8 +118,9 @@ def fit(name: str, value, shape: tuple[int, ...], dtype) -> jax.Array:
     Raises:
         ValueError: If it does not.
     """
+    array = as_number_or_float(name, value, dtype)
     try:
-        return jnp.broadcast_to(jnp.asarray(value, dtype), shape)
+        return jnp.broadcast_to(array, shape)
     except ValueError as error:
         raise ValueError(
             f"{name} must be a number or broadcast to {shape}; got {jnp.shape(value)}."

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shjax.arrays import safe_sqrt
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import degrees
 from shjax.inverse import priors
@@ -103,8 +104,8 @@ def report(
         singular_vectors=vectors,
         rank=rank,
         prior_fraction=share[:size],
-        residual_norm=jnp.sqrt(squares),
-        noise=jnp.sqrt(answer.variance),
+        residual_norm=safe_sqrt(squares),
+        noise=safe_sqrt(answer.variance),
         steps=answer.steps,
         converged=answer.converged,
         full_value=full,

@@ -64,12 +64,14 @@ def make_surface(image, normals, mask, albedo, brdf, views, least_cosine, rows):
         used = used[..., None] & jnp.any(jnp.asarray(normals) != 0, axis=-1)
     check_unit("normals", normals, used)
     flat = as_float("normals", normals).astype(pixels.image.dtype)
+    flat = jnp.where(used[..., None], flat, 0)  # what has no weight may be anything
     flat = flat.reshape(-1, *normals.shape[len(points) :])
     if brdf is None:
         return Surface(pixels, normals=flat)
     _check_glossy(image, brdf, views, parts)
     check_unit("views", views, used)
-    views = as_float("views", views).astype(pixels.image.dtype).reshape(-1, 3)
+    views = as_float("views", views).astype(pixels.image.dtype)
+    views = jnp.where(used[..., None], views, 0).reshape(-1, 3)
     facing = jnp.sum(flat * views, axis=-1) >= least_cosine
     pixels = pixels._replace(weights=pixels.weights * facing.astype(flat.dtype))
     return Surface(pixels, normals=flat, views=views, brdf=brdf)

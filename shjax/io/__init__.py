@@ -10,6 +10,7 @@ from shjax.io.coefs import write_coefs as write_coefs
 from shjax.io.envmaps import read_envmap as read_envmap
 from shjax.io.envmaps import shipped_panorama as shipped_panorama
 from shjax.io.images import read_image as read_image
+from shjax.io.images import read_vectors as read_vectors
 from shjax.io.images import write_image as write_image
 from shjax.io.kernels import read_brdf_coefs as read_brdf_coefs
 from shjax.io.kernels import write_brdf_coefs as write_brdf_coefs

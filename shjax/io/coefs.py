@@ -124,20 +124,22 @@ class Format:
     Attributes:
         write: Values ``(K, C)`` and the convention's name to the file's text.
         convention: The convention it holds; None: any, chosen by the writer.
+        colour: Whether it holds three channels; grey light is written three times.
     """
 
     write: Callable[[np.ndarray, str], str]
     convention: str | None
+    colour: bool = False
 
 
 FORMATS = {
     "json": Format(_own, None),
     "csv": Format(_csv, None),
     "c": Format(_c_header, None),
-    "three": Format(_three, "three.js"),
-    "gltf": Format(_gltf, "gltf"),
+    "three": Format(_three, "three.js", True),
+    "gltf": Format(_gltf, "gltf", True),
     **{
-        name.replace(" ", "-"): Format(_cmgen, name)
+        name.replace(" ", "-"): Format(_cmgen, name, True)
         for scale in _COMMENTS
         for name in (scale, scale.replace("cmgen", "cmgen no-mirror"))
     },
@@ -147,8 +149,8 @@ FORMATS = {
 def write_coefs(
     path: str | os.PathLike,
     coefs: Float[np.ndarray, "K C"],
-    *,
     format: str,
+    *,
     convention: str = "shjax",
     axes: Float[np.ndarray, "3 3"] | None = None,
 ) -> None:
@@ -167,6 +169,7 @@ def write_coefs(
         ValueError: If the format is unknown, fixes another convention, or cannot hold
             these coefficients.
     """
+    format = format.lower() if isinstance(format, str) else format
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}; got {format!r}.")
     chosen = FORMATS[format]
@@ -176,7 +179,12 @@ def write_coefs(
             f"got {convention!r}."
         )
     name = chosen.convention or convention
-    values = np.asarray(convert(np.asarray(coefs), to=name, axes=axes), np.float64)
+    given = np.asarray(coefs)
+    if given.dtype.kind == "f" and not np.all(np.isfinite(given)):
+        raise ValueError("coefs must be finite; a file holds numbers only.")
+    values = np.asarray(convert(given, to=name, axes=axes), np.float64)
+    if chosen.colour and values.shape[-1] == 1:
+        values = np.repeat(values, 3, axis=-1)  # grey is a colour too
     text = chosen.write(values, name)
     if format == "json" and axes is not None:  # so that it can be read back
         body = json.loads(text) | {"axes": np.asarray(axes, float).tolist()}
@@ -204,11 +212,11 @@ def read_coefs(
     path = Path(path)
     with path.open("rb") as file:
         start = file.read(4096)
-    text = start.lstrip()
+    text = start.removeprefix(b"\xef\xbb\xbf").lstrip()  # some editors' byte order mark
     if not (text.startswith(b"{") or (text.startswith(b"(") and b"// L00" in start)):
         return None
     try:
-        whole = path.read_text(encoding="utf-8")
+        whole = path.read_text(encoding="utf-8-sig")
         parse = _parse_json if text.startswith(b"{") else _parse_cmgen
         values, convention, axes = parse(whole)
         degree_of_coefs(values, "coefficients")
@@ -229,13 +237,29 @@ def _parse_json(text: str) -> tuple[np.ndarray, str, np.ndarray | None]:
     body = json.loads(text)
     if "extensions" in body:
         raise ValueError("a glTF block is written only, not read")
-    if body.get("object", {}).get("type") == "LightProbe":
-        values = np.asarray(body["object"]["sh"], np.float64).reshape(9, 3)
-        return values * float(body["object"].get("intensity", 1)), "three.js", None
+    probes = _light_probes(body)
+    if len(probes) > 1:
+        raise ValueError(f"the scene holds {len(probes)} light probes, not one")
+    if probes:
+        values = np.asarray(probes[0]["sh"], np.float64).reshape(9, 3)
+        return values * float(probes[0].get("intensity", 1)), "three.js", None
+    if "object" in body:
+        raise ValueError("a scene of three.js without a light probe")
     values = np.asarray(body["coefficients"], np.float64)
     axes = body.get("axes")
     axes = None if axes is None else np.asarray(axes, np.float64).reshape(3, 3)
     return values, str(body.get("convention", "shjax")), axes
+
+
+def _light_probes(content) -> list[dict]:
+    """The light probes of a scene of three.js, wherever they hang in it."""
+    if isinstance(content, list):
+        return [probe for part in content for probe in _light_probes(part)]
+    if not isinstance(content, dict):
+        return []
+    if content.get("type") == "LightProbe" and "sh" in content:
+        return [content]
+    return _light_probes([v for v in content.values() if isinstance(v, dict | list)])
 
 
 def _parse_cmgen(text: str) -> tuple[np.ndarray, str, None]:

@@ -6,13 +6,16 @@ and has the bands put there, and a colour conversion never needs a second copy.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
+from contextvars import ContextVar
 
 import numpy as np
 from jaxtyping import Float
 
 _BAND = 2**20  # values at a time
+_tell_size: ContextVar[Callable[[int], None] | None] = ContextVar("size", default=None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +28,8 @@ class Decoded:
         kind: How the file stored it and what was converted, in words.
         layout: The layout that the file itself names, of :data:`shjax.layouts.LAYOUTS`.
         whole: The image, where it is in memory already as float32.
+        matrix: What took its own primaries to Rec. 709, ``(3, 3)``; None if nothing did.
+            Colours outside Rec. 709 are then negative.
     """
 
     shape: tuple[int, int, int]
@@ -32,6 +37,7 @@ class Decoded:
     kind: str
     layout: str | None = None
     whole: np.ndarray | None = None
+    matrix: np.ndarray | None = None
 
     def bands(self) -> Iterator[tuple[slice, np.ndarray]]:
         """Rows in order, a few at a time, as contiguous float32."""
@@ -82,6 +88,19 @@ def check_size(size: Iterable[int] | np.ndarray, max_pixels: int) -> None:
         raise ValueError(f"{width} x {height} pixels: it is empty")
     if height * width > max_pixels:
         raise ValueError(f"{width} x {height} pixels; the limit is {max_pixels}")
+    tell = _tell_size.get()
+    if tell is not None:
+        tell(height * width)
+
+
+@contextlib.contextmanager
+def telling_size(tell: Callable[[int], None]) -> Iterator[None]:
+    """Within it, ``tell`` hears the pixels of each image before they are decoded."""
+    token = _tell_size.set(tell)
+    try:
+        yield
+    finally:
+        _tell_size.reset(token)
 
 
 def oriented(image: Decoded, *, flip_rows: bool, flip_columns: bool) -> Decoded:

@@ -31,6 +31,7 @@ def read_envmap(
     max_pixels: int = MAX_PIXELS,
     layer: str | None = None,
     alpha: str = "drop",
+    primaries: str = "rec709",
     isolate: bool = False,
 ) -> EnvironmentMap:
     """Read an environment map of any layout.
@@ -42,12 +43,15 @@ def read_envmap(
         invalid: What to do with NaN, infinite and negative values. ``"error"`` refuses
             the first two, and negative ones whose energy exceeds 1e-4 of the total
             (below that they are integrated as they stand: lossy compression leaves
-            some); ``"clamp"`` moves each to the nearest valid value (NaN to 0, infinity
-            to the largest finite value); ``"zero"`` makes such pixels black; ``"keep"``
+            some, and a conversion from wider primaries makes them, which are never
+            refused: the energy is counted in the file's own primaries);
+            ``"clamp"`` moves each to the nearest valid value (NaN to 0, infinity to the
+            largest finite value); ``"zero"`` makes such pixels black; ``"keep"``
             changes nothing. The report says what was done.
         max_pixels: Larger images are refused before they are decoded.
         layer: Part or layer of an EXR, as in :func:`shjax.io.read_image`.
         alpha: As in :func:`shjax.io.read_image`.
+        primaries: As in :func:`shjax.io.read_image`.
         isolate: As in :func:`shjax.io.read_image`.
 
     Returns:
@@ -64,15 +68,16 @@ def read_envmap(
         )
     path = Path(path)
     decoded = decode(
-        path, max_pixels=max_pixels, layer=layer, alpha=alpha, isolate=isolate
-    )
+        path, max_pixels=max_pixels, layer=layer, alpha=alpha, primaries=primaries,
+        isolate=isolate,
+    )  # fmt: skip
     image = in_memory(path, decoded)
     report = Report(path.name, decoded.kind, layout, False, *decoded.shape[:2])
     if layout == "auto" and decoded.layout is not None:
         layout = decoded.layout
     try:
         found = make_envmap(image, layout=layout, report=report)
-        return _treat_invalid(found, invalid)
+        return _treat_invalid(found, invalid, decoded.matrix)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -85,10 +90,21 @@ class _Invalid:
     negative: int = 0
     below: float = 0.0
     whole: float = 0.0
+    own_below: float = 0.0
+    own_whole: float = 0.0
     first: tuple[int, int, int] | None = None
 
-    def add(self, band: np.ndarray, weights: np.ndarray, start: int) -> None:
-        """Count rows of the image; weights ``(n, W or 1)`` are 0 outside the map."""
+    def add(
+        self,
+        band: np.ndarray,
+        weights: np.ndarray,
+        start: int,
+        back: np.ndarray | None,
+    ) -> None:
+        """Count rows of the image; weights ``(n, W or 1)`` are 0 outside the map.
+
+        ``back`` takes colours to the file's own primaries.
+        """
         finite = np.isfinite(band)
         flux = np.abs(np.where(finite, band, 0)) * weights[..., None]
         self.whole += float(flux.sum(dtype=np.float64))
@@ -97,6 +113,12 @@ class _Invalid:
         if negative.any():
             self.negative += int(negative.sum())
             self.below += float(flux[negative].sum(dtype=np.float64))
+        if back is not None:
+            own = np.where(finite, band, 0) @ back.T
+            rounding = 1e-5 * np.max(np.abs(own), axis=-1, keepdims=True)
+            power = np.abs(own) * weights[..., None]
+            self.own_whole += float(power.sum(dtype=np.float64))
+            self.own_below += float(power[own < -rounding].sum(dtype=np.float64))
         bad = ~finite & known
         if bad.any():
             self.non_finite += int(bad.sum())
@@ -108,8 +130,15 @@ class _Invalid:
         """Energy of the negative values as a share of all, both counted as positive."""
         return self.below / self.whole if self.whole > 0 else 0.0
 
+    @property
+    def own_share(self) -> float:
+        """The same in the file's own primaries: what is not a conversion's."""
+        if not self.own_whole:
+            return self.share
+        return self.own_below / self.own_whole
 
-def _count_invalid(envmap: EnvironmentMap) -> _Invalid:
+
+def _count_invalid(envmap: EnvironmentMap, matrix: np.ndarray | None) -> _Invalid:
     image = np.asarray(envmap.image)
     height, width, channels = image.shape
     if envmap.layout == "latlong":
@@ -118,19 +147,22 @@ def _count_invalid(envmap: EnvironmentMap) -> _Invalid:
         weights = LAYOUTS[envmap.layout].solid_angles(height, width)
     weights = weights.astype(np.float32)
     found = _Invalid()
+    back = None if matrix is None else np.linalg.inv(matrix).astype(np.float32)
     step = max(_BAND // (width * channels), 1)
     for start in range(0, height, step):
         rows = slice(start, start + step)
-        found.add(image[rows], weights[rows], start)
+        found.add(image[rows], weights[rows], start, back)
     return found
 
 
-def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
-    found = _count_invalid(envmap)
+def _treat_invalid(
+    envmap: EnvironmentMap, invalid: str, matrix: np.ndarray | None
+) -> EnvironmentMap:
+    found = _count_invalid(envmap, matrix)
     if not found.non_finite and not found.negative:
         return envmap
     if invalid == "error":
-        _refuse(found, envmap.report.format)
+        _refuse(found)
     done = {
         "error": "integrated as they stand",
         "keep": "kept",
@@ -138,7 +170,8 @@ def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
         "zero": "made black",
     }[invalid]
     parts = [f"{found.non_finite} NaN or infinite values"] * bool(found.non_finite) + [
-        f"{found.negative} negative values ({found.share:.1e} of the energy)"
+        f"{found.negative} negative values ({found.share:.1e} of the energy"
+        + (", colours outside Rec. 709)" if matrix is not None else ")")
     ] * bool(found.negative)
     report = dataclasses.replace(
         envmap.report,
@@ -155,7 +188,7 @@ def _treat_invalid(envmap: EnvironmentMap, invalid: str) -> EnvironmentMap:
     )
 
 
-def _refuse(found: _Invalid, stored: str) -> None:
+def _refuse(found: _Invalid) -> None:
     if found.first is not None:
         row, column, channel = found.first
         raise ValueError(
@@ -163,11 +196,9 @@ def _refuse(found: _Invalid, stored: str) -> None:
             f"row {row}, column {column}, channel {channel} (counted from 0); "
             f"invalid='clamp' or 'zero' (--invalid) reads it all the same."
         )
-    if found.share > NEGATIVE_ENERGY_LIMIT:
-        outside = " (colours outside Rec. 709, to which they were converted)"
+    if found.own_share > NEGATIVE_ENERGY_LIMIT:
         raise ValueError(
-            f"negative values{outside if 'converted' in stored else ''} hold "
-            f"{found.share:.1e} of the energy, the limit is "
+            f"negative values hold {found.own_share:.1e} of the energy, the limit is "
             f"{NEGATIVE_ENERGY_LIMIT:.0e}; invalid='clamp', 'zero' or 'keep' (--invalid) "
             f"reads it all the same."
         )

@@ -20,10 +20,14 @@ MAGIC = b"\x76\x2f\x31\x01"
 COMPRESSIONS = (
     "none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab",
 )  # fmt: skip
-ALPHA_CHOICES = ("drop", "unpremultiply")
+ALPHA_CHOICES = ("drop", "unpremultiply", "only")
 _NAMES = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
 # What makes a picture, in the order of preference.
 _COLOURS = (("R", "G", "B"), ("X", "Y", "Z"), ("Y", "RY", "BY"), ("Y",))
+_ALIASES = {
+    "RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A",
+    "L": "Y", "LUMINANCE": "Y", "GRAY": "Y", "GREY": "Y",
+}  # fmt: skip
 _CHANNELS_ALLOWED = 4  # channels of the largest image that all parts may hold together
 
 
@@ -42,7 +46,12 @@ class _Group:
 
 
 def read_exr(
-    path: Path, *, max_pixels: int, layer: str | None = None, alpha: str = "drop"
+    path: Path,
+    *,
+    max_pixels: int,
+    layer: str | None = None,
+    alpha: str = "drop",
+    primaries: str = "rec709",
 ) -> Decoded:
     """Read RGB, XYZ, luminance-chroma or luminance as linear Rec. 709.
 
@@ -52,6 +61,7 @@ def read_exr(
         layer: Name of a part or of a layer; default the first that is in colour, else
             the first.
         alpha: ``"drop"`` or ``"unpremultiply"``.
+        primaries: ``"rec709"``, to which others are converted, or ``"keep"``.
 
     Raises:
         ValueError: If the file is damaged, too large, or has no such channels; without
@@ -76,7 +86,7 @@ def read_exr(
     parts = _open(path, separate_channels=True).parts
     if len(parts) != len(headers):
         raise ValueError(f"{len(headers) - len(parts)} of its parts cannot be decoded")
-    return _picture(group, parts[group.part].channels, header, alpha)
+    return _picture(group, parts[group.part].channels, header, alpha, primaries)
 
 
 def _open(path: Path, **options: bool):
@@ -98,9 +108,18 @@ def _groups(parts) -> list[_Group]:
         layers: dict[str, dict[str, str]] = {}
         for channel in part.header["channels"]:
             prefix, _, suffix = channel.name.rpartition(".")
-            layers.setdefault(prefix, {}).setdefault(suffix.upper(), channel.name)
+            short = _ALIASES.get(suffix.upper(), suffix.upper())
+            layers.setdefault(prefix, {}).setdefault(short, channel.name)
         for prefix, names in sorted(layers.items()):
+            if set(names) - {"A"} == {"R"}:  # a grey picture of one channel
+                names["Y"] = names["R"]
             kind = next((c for c in _COLOURS if set(c) <= set(names)), None)
+            if (
+                kind == ("X", "Y", "Z")
+                and prefix
+                and "chromaticities" not in part.header
+            ):
+                continue  # components of vectors: normals, positions
             if kind is not None:
                 name = str(part.header.get("name", ""))
                 found.append(_Group(number, name, prefix, kind, names))
@@ -122,6 +141,7 @@ def _choose(groups: list[_Group], parts, layer: str | None) -> _Group:
     if not known:
         raise ValueError(
             f"has no R, G, B or Y channels; found {', '.join(names[:12]) or 'none'}"
+            + "; x, y and z of a layer are vectors, not colours" * _has_vectors(names)
         )
     best = next((group for group in known if len(group.colour) == 3), known[0])
     storage = parts[best.part].header.get("type")
@@ -130,13 +150,71 @@ def _choose(groups: list[_Group], parts, layer: str | None) -> _Group:
     return best
 
 
+def _has_vectors(names: Sequence[str]) -> bool:
+    """Whether a layer among channels holds vectors."""
+    layers = {name.rpartition(".")[0] for name in names if "." in name}
+    return any(
+        {f"{layer}.{c}".upper() for c in "XYZ"} <= {name.upper() for name in names}
+        for layer in layers
+    )
+
+
+def read_vectors(
+    path: Path, *, max_pixels: int, layer: str | None = None
+) -> np.ndarray:
+    """Three channels as they are stored, ``(H, W, 3)``: normals, positions.
+
+    Args:
+        path: The file.
+        max_pixels: Larger images are refused before they are decoded.
+        layer: Prefix of the channels or name of a part; default the only one that has
+            X, Y and Z, else R, G and B.
+
+    Raises:
+        ValueError: If there is no such layer, or several; without the file's name.
+    """
+    for part in _open(path, header_only=True).parts:
+        low, high = _window(part.header, "dataWindow")
+        check_size(high - low, max_pixels)
+    parts = _open(path, separate_channels=True).parts
+    found: dict[str, tuple] = {}
+    for part in parts:
+        layers: dict[str, dict[str, object]] = {}
+        for name, channel in part.channels.items():
+            prefix, _, suffix = name.rpartition(".")
+            short = _ALIASES.get(suffix.upper(), suffix.upper())
+            layers.setdefault(prefix, {})[short] = channel
+        for prefix, channels in layers.items():
+            for kind in (("X", "Y", "Z"), ("R", "G", "B")):
+                if set(kind) <= set(channels):
+                    called = prefix or str(part.header.get("name", ""))
+                    found.setdefault(called, (kind, channels))
+    known = ", ".join(name or "the file's own" for name in found) or "none"
+    vectors = [name for name, (kind, _) in found.items() if kind[0] == "X"]
+    if layer is None:
+        named = [name for name in found if "normal" in name.lower()]
+        wanted = named or vectors or list(found)
+        if len(wanted) > 1:
+            raise ValueError(f"which layer holds the vectors must be said: {known}")
+        layer = wanted[0] if wanted else None
+    if layer is None or layer not in found:
+        raise ValueError(
+            f"layer {layer!r} is not among its vectors and colours: {known}"
+        )
+    kind, channels = found[layer]
+    planes = [np.asarray(channels[c].pixels, np.float32) for c in kind]
+    return np.stack(planes, axis=-1)
+
+
 def _window(header: Mapping, name: str) -> tuple[np.ndarray, np.ndarray]:
     """First row and column of a window, and those past its end."""
     low, high = (np.asarray(corner, np.int64)[::-1] for corner in header[name])
     return low, high + 1
 
 
-def _picture(group: _Group, channels, header: Mapping, alpha: str) -> Decoded:
+def _picture(
+    group: _Group, channels, header: Mapping, alpha: str, primaries: str
+) -> Decoded:
     planes = {}
     low, high = _window(header, "dataWindow")
     size = high - low
@@ -150,7 +228,7 @@ def _picture(group: _Group, channels, header: Mapping, alpha: str) -> Decoded:
         if np.any(steps != 1):
             plane = _upsampled(plane, size, steps)
         planes[name] = plane
-    weights, matrix, said = _colours(group, header)
+    weights, matrix, said = _colours(group, header, primaries)
     kinds = sorted({str(plane.dtype).replace("16", " 16") for plane in planes.values()})
     kind = {"float 16": "half", "float32": "float", "uint32": "uint"}
     words = ["OpenEXR " + "/".join(kind.get(k, k) for k in kinds)]
@@ -189,12 +267,13 @@ def _picture(group: _Group, channels, header: Mapping, alpha: str) -> Decoded:
     channels_out = 1 if group.colour == ("Y",) else 3
     height, width = (int(n) for n in last - first)
     return Decoded(
-        (height, width, channels_out), rows, ", ".join(words), _layout(header)
-    )
+        (height, width, channels_out), rows, ", ".join(words), _layout(header),
+        matrix=matrix,
+    )  # fmt: skip
 
 
 def _colours(
-    group: _Group, header: Mapping
+    group: _Group, header: Mapping, primaries: str
 ) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
     """Luminance weights, the matrix to Rec. 709, and what to say of them."""
     given = header.get("chromaticities")
@@ -208,6 +287,8 @@ def _colours(
     if group.colour == ("Y",):
         return weights, None, said
     matrix, name = colour.to_rec709(space)
+    if matrix is not None and primaries == "keep":
+        return weights, None, [*said, f"{name} kept"]
     if matrix is not None:
         said.append(f"{name} converted to Rec. 709")
     return weights, matrix, said

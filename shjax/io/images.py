@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from shjax.io import exr, isolation, other, reading
 from shjax.io.colour import encode_srgb
@@ -16,6 +16,7 @@ from shjax.io.writing import replacing
 
 MAX_PIXELS = 2**28
 _WRITTEN = (".exr", ".hdr", ".png")
+_RADIANCE_LIMIT = np.float32(2.0**127)
 
 
 def read_image(
@@ -24,6 +25,7 @@ def read_image(
     max_pixels: int = MAX_PIXELS,
     layer: str | None = None,
     alpha: str = "drop",
+    primaries: str = "rec709",
     isolate: bool = False,
 ) -> Float[np.ndarray, "H W C"]:
     """Read an image as linear Rec. 709, whatever its suffix says.
@@ -39,7 +41,9 @@ def read_image(
         layer: Name of a part or layer of an EXR; default the first in colour.
         alpha: What to do with an image's alpha: ``"drop"`` it, or ``"unpremultiply"``,
             divide by it first where the colours were multiplied by it (EXR, some TIFF;
-            never PNG).
+            never PNG); ``"only"``: the alpha of a PNG or TIFF in their place.
+        primaries: ``"rec709"``: other primaries (ACEScg, XYZ, ...) are converted;
+            ``"keep"``: the file's own are left.
         isolate: Read in another process, which a file that crashes or hangs its reader
             cannot leave.
 
@@ -51,7 +55,29 @@ def read_image(
         ValueError: If its contents cannot be read; the message names the file.
     """
     decoded = decode(
-        path, max_pixels=max_pixels, layer=layer, alpha=alpha, isolate=isolate
+        path, max_pixels=max_pixels, layer=layer, alpha=alpha, primaries=primaries,
+        isolate=isolate,
+    )  # fmt: skip
+    return in_memory(Path(path), decoded)
+
+
+def read_vectors(
+    path: str | os.PathLike, *, layer: str | None = None, isolate: bool = False
+) -> Float[np.ndarray, "H W 3"]:
+    """Read normals or other vectors: an EXR's X, Y, Z (or R, G, B) as they are stored.
+
+    Args:
+        path: The file; what is no EXR is read as an image.
+        layer: Prefix of an EXR's channels (``nn``, ``ViewLayer.Normal``) or name of a
+            part; default the one that is called normal, or the only one.
+        isolate: As in :func:`read_image`.
+
+    Raises:
+        OSError: If the file cannot be opened.
+        ValueError: If it holds no vectors, or several layers of them and none is named.
+    """
+    decoded = decode(
+        path, max_pixels=MAX_PIXELS, layer=layer, vectors=True, isolate=isolate
     )
     return in_memory(Path(path), decoded)
 
@@ -70,7 +96,7 @@ def in_memory(path: Path, decoded: Decoded) -> np.ndarray:
 
 def write_image(
     path: str | os.PathLike,
-    image: Float[np.ndarray, "H W C"],
+    image: Float[np.ndarray, "H W C"] | UInt8[np.ndarray, "H W C"],
     *,
     attributes: Mapping[str, str] | None = None,
     channels: Sequence[str] | None = None,
@@ -82,7 +108,9 @@ def write_image(
 
     Args:
         path: The file; its suffix chooses the format.
-        image: Linear values; PNG clips them to [0, 1], so tone-map first.
+        image: Linear values; PNG clips them to [0, 1], so tone-map first. uint8 is
+            written to a PNG as it stands, as values that are encoded already. A
+            ``.hdr`` holds no negative or infinite values, neither it nor a PNG NaN.
         attributes: Texts stored in the header of an EXR.
         channels: Names of an EXR's channels, ``layer.R`` and the like; default Y, RGB,
             RGBA, or numbers.
@@ -93,14 +121,16 @@ def write_image(
 
     Raises:
         OSError: If the file cannot be written.
-        ValueError: If the suffix or the image's shape is not supported.
+        ValueError: If the suffix or the image's shape is not supported, or the format
+            cannot hold a value of the image.
     """
     suffix = Path(path).suffix.lower()
-    pixels = np.asarray(image, np.float32)
     if suffix not in _WRITTEN:
         raise ValueError(f"path must end in {', '.join(_WRITTEN)}; got {path}.")
-    if pixels.ndim != 3 or 0 in pixels.shape:
-        raise ValueError(f"image must have shape (H, W, C); got {pixels.shape}.")
+    given = np.asarray(image)
+    if given.ndim != 3 or 0 in given.shape:
+        raise ValueError(f"image must have shape (H, W, C); got {given.shape}.")
+    pixels = _writable(given, suffix)
     if channels is not None and len(set(channels)) != pixels.shape[-1]:
         raise ValueError(
             f"channels must hold {pixels.shape[-1]} different names; got {channels}."
@@ -123,5 +153,40 @@ def write_image(
                 temporary, np.broadcast_to(pixels, (*pixels.shape[:2], 3))
             )
         else:
-            levels = np.round(255 * encode_srgb(np.clip(pixels, 0, 1)))
+            levels = pixels
+            if levels.dtype != np.uint8:
+                levels = np.round(255 * encode_srgb(np.clip(pixels, 0, 1)))
             other.write_other(temporary, levels.astype(np.uint8))
+
+
+def _writable(image: np.ndarray, suffix: str) -> np.ndarray:
+    """The pixels as float32 (uint8 for an 8-bit PNG), or an error for what is no light.
+
+    Raises:
+        ValueError: If the format cannot hold a value.
+    """
+    if image.dtype == np.uint8 and suffix == ".png":
+        return image
+    if image.dtype != bool and not np.issubdtype(image.dtype, np.floating):
+        encoded = " (uint8 is written as it is to .png)" * (image.dtype == np.uint8)
+        raise ValueError(
+            f"image must hold linear light in floating point; got {image.dtype}{encoded}."
+        )
+    with np.errstate(over="ignore"):
+        pixels = image.astype(np.float32)
+    beyond = np.isinf(pixels) & np.isfinite(image)
+    rules = {
+        "beyond float32": beyond,
+        "NaN": np.isnan(pixels) if suffix != ".exr" else None,
+        "infinite": np.isinf(pixels) if suffix == ".hdr" else None,
+        "negative": pixels < 0 if suffix == ".hdr" else None,
+        "at 2^127 or above": pixels >= _RADIANCE_LIMIT if suffix == ".hdr" else None,
+    }
+    for name, bad in rules.items():
+        if bad is not None and np.any(bad):
+            row, column, channel = np.argwhere(bad)[0]
+            raise ValueError(
+                f"image must hold what {suffix} can store; {int(bad.sum())} values are "
+                f"{name}, the first at row {row}, column {column}, channel {channel}."
+            )
+    return pixels

@@ -54,6 +54,8 @@ def _read(path: Path, max_pixels: int, alpha: str) -> Decoded:
     cover = None if spec.alpha_channel < 0 else image[..., spec.alpha_channel]
     if cover is not None:
         image = np.delete(image, spec.alpha_channel, axis=-1)
+    if alpha == "only" and cover is not None:
+        return from_array(cover[..., None], f"{name}, alpha alone")
     image, left = colour_channels(image)
     image, stored = _linear(image, spec)
     if cover is not None:
@@ -95,6 +97,28 @@ def write_other(path: Path, pixels: np.ndarray) -> None:
     written = target.write_image(np.ascontiguousarray(pixels))
     if not (target.close() and written):
         raise OSError(f"{path}: OpenImageIO cannot write it ({target.geterror()}).")
+    _check_whole(path, pixels)
+
+
+def _check_whole(path: Path, pixels: np.ndarray) -> None:
+    """Read back what was written: a full disk cuts a file without an error.
+
+    Raises:
+        OSError: If the file does not hold the pixels.
+    """
+    import OpenImageIO as oiio
+
+    kind = oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT
+    with quiet():
+        held = oiio.ImageBuf(str(path)).get_pixels(kind)
+    whole = held is not None and held.shape == pixels.shape
+    if whole:
+        largest = np.max(np.abs(pixels), axis=-1, keepdims=True)
+        # Of RGBE, within two steps of its shared exponent.
+        step = 0 if pixels.dtype == np.uint8 else largest / 64 + 1e-30
+        whole = bool(np.all(np.abs(held.astype(float) - pixels) <= step))
+    if not whole:
+        raise OSError(f"{path}: was cut off while it was written (is the disk full?).")
 
 
 def _upright(image: np.ndarray, orientation: int) -> np.ndarray:

@@ -23,11 +23,12 @@ _FORMATS = {"32-bit_rle_rgbe": False, "32-bit_rle_xyze": True}
 _HEADER_LIMIT = 2**20
 # What Radiance itself writes, and everybody reads as Rec. 709.
 _OWN_PRIMARIES = (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, 1 / 3, 1 / 3)
-_SIZE = re.compile(rb"([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9}) *\r?\n")
+_AXIS = rb"([-+])([XY])[ \t]+(\d{1,9})"
+_SIZE = re.compile(rb"[ \t]*" + _AXIS + rb"[ \t]+" + _AXIS + rb"[ \t]*\r?\n")
 
 
-def read_radiance(path: Path, *, max_pixels: int) -> Decoded:
-    """Read a picture as linear Rec. 709.
+def read_radiance(path: Path, *, max_pixels: int, primaries: str = "rec709") -> Decoded:
+    """Read a picture as linear Rec. 709, or in its own primaries (``"keep"``).
 
     Raises:
         ValueError: If the file is damaged or too large; without the file's name.
@@ -39,6 +40,8 @@ def read_radiance(path: Path, *, max_pixels: int) -> Decoded:
         raise ValueError(f"FORMAT={kind} is not a Radiance picture's")
     gain, gamma = _scale(fields)
     matrix, said = _primaries(fields, xyz=_FORMATS[kind])
+    if matrix is not None and primaries == "keep":
+        matrix, said = None, [said[0].replace("converted to Rec. 709", "kept")]
     outer, outer_count, inner, inner_count = size
     lines, length = outer_count, inner_count
     check_size((lines, length), max_pixels)
@@ -68,7 +71,7 @@ def read_radiance(path: Path, *, max_pixels: int) -> Decoded:
     words += said
     words += ["gamma undone"] * (gamma != 1)
     words += ["exposure undone"] * bool(np.any(gain != 1))
-    image = Decoded((*rgbe.shape[:2], 3), rows, ", ".join(words))
+    image = Decoded((*rgbe.shape[:2], 3), rows, ", ".join(words), matrix=matrix)
     # Rows from the top are -Y, columns from the left +X.
     return oriented(image, flip_rows=y == "+", flip_columns=x == "-")
 
@@ -140,15 +143,24 @@ def _scanlines(data: memoryview, lines: int, length: int) -> np.ndarray:
     if len(data) < 4 * lines:  # a pixel, or the mark of an encoded line
         raise ValueError("fewer bytes than its lines need")
     pixels = np.zeros((lines, length, 4), np.uint8)
+    flat = len(data) == pixels.size
     at = 0
-    for line in range(lines):
-        new_style = (
-            8 <= length < 32768
-            and bytes(data[at : at + 2]) == b"\2\2"
-            and data[at + 2] * 256 + data[at + 3] == length
-        )
-        read = _new_scanline if new_style else _old_scanline
-        at = read(data, at + 4 * new_style, pixels[line])
+    try:
+        for line in range(lines):
+            new_style = (
+                8 <= length < 32768
+                and bytes(data[at : at + 2]) == b"\2\2"
+                and data[at + 2] * 256 + data[at + 3] == length
+            )
+            read = _new_scanline if new_style else _old_scanline
+            at = read(data, at + 4 * new_style, pixels[line])
+    except (IndexError, ValueError):
+        if not flat:
+            raise
+        at = 0
+    if flat and at != len(data):
+        # Pixels as they are, some of which look like the marks of an encoding.
+        return np.frombuffer(data, np.uint8).reshape(pixels.shape)
     return pixels
 
 
@@ -175,31 +187,29 @@ def _new_scanline(data: memoryview, at: int, line: np.ndarray) -> int:
 
 
 def _old_scanline(data: memoryview, at: int, line: np.ndarray) -> int:
-    """Pixels as they are, where (1, 1, 1, n) repeats the one before n times."""
+    """Pixels as they are, where (1, 1, 1, n) repeats the one before n times.
+
+    A repeat that follows a repeat counts 256 times as much [Radiance].
+    """
     length = line.shape[0]
-    flat = np.frombuffer(data[at : at + 4 * length], np.uint8)
-    whole = flat[: flat.size // 4 * 4].reshape(-1, 4)
-    # Up to the first repeat the pixels stand as they are.
-    repeats = np.flatnonzero(np.all(whole[:, :3] == 1, axis=-1))
-    plain = int(repeats[0]) if repeats.size else len(whole)
-    if plain == length:
-        line[:] = whole
-        return at + 4 * length
-    line[:plain] = whole[:plain]
-    at += 4 * plain
-    column, shift = plain, 0
-    while column < length:
-        pixel = np.frombuffer(data[at : at + 4], np.uint8)
-        if pixel.size < 4:
+    units = np.frombuffer(data[at : at + 4 * length], np.uint8)
+    units = units[: units.size // 4 * 4].reshape(-1, 4)
+    repeats = np.all(units[:, :3] == 1, axis=-1)
+    repeats[:1] = False  # nothing stands before it
+    if not repeats.any():
+        if len(units) < length:
             raise ValueError("cut off")
-        at += 4
-        if tuple(pixel[:3]) == (1, 1, 1) and column:
-            count = int(pixel[3]) << min(shift, 32)
-            if column + count > length:
-                raise ValueError("a run passes the end of its line")
-            line[column : column + count] = line[column - 1]
-            column, shift = column + count, shift + 8
-        else:
-            line[column] = pixel
-            column, shift = column + 1, 0
-    return at
+        line[:] = units
+        return at + 4 * length
+    place = np.arange(len(units))
+    pixel = np.maximum.accumulate(np.where(repeats, 0, place))
+    shift = 8 * np.minimum(place - pixel - 1, 4)
+    counts = np.where(repeats, units[:, 3].astype(np.int64) << np.maximum(shift, 0), 1)
+    ends = np.cumsum(counts)
+    used = int(np.searchsorted(ends, length)) + 1
+    if used > len(units):
+        raise ValueError("cut off")
+    if ends[used - 1] != length:
+        raise ValueError("a run passes the end of its line")
+    line[:] = np.repeat(units[pixel[:used]], counts[:used], axis=0)
+    return at + 4 * used

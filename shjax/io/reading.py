@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from shjax.io import exr, other, radiance, raw
-from shjax.io.decoded import Decoded, check_size
+from shjax.io.decoded import Decoded, check_size, from_array
 from shjax.layouts.cubes import FACES
 
 SUFFIXES = (
     ".exr", ".hdr", ".pic", ".rgbe", ".xyze", ".pfm", ".npy", ".float",
     ".tif", ".tiff", ".png", ".jpg", ".jpeg",
 )  # fmt: skip
+PRIMARIES_CHOICES = ("rec709", "keep")
 _FACE_NAMES = {
     "px": "px", "posx": "px", "right": "px", "nx": "nx", "negx": "nx", "left": "nx",
     "py": "py", "posy": "py", "top": "py", "up": "py",
@@ -26,7 +27,14 @@ _FACE_NAMES = {
 
 
 def read(
-    path: Path, *, max_pixels: int, layer: str | None = None, alpha: str = "drop"
+    path: Path,
+    *,
+    max_pixels: int,
+    layer: str | None = None,
+    alpha: str = "drop",
+    primaries: str = "rec709",
+    vectors: bool = False,
+    called: str | None = None,
 ) -> Decoded:
     """Find the reader and let it read.
 
@@ -36,6 +44,9 @@ def read(
         layer: Part or layer of an EXR.
         alpha: One of :data:`shjax.io.exr.ALPHA_CHOICES`; an image whose colours were not
             multiplied by its alpha (PNG) is never divided by it.
+        primaries: One of :data:`PRIMARIES_CHOICES`.
+        vectors: Whether an EXR's channels are components of vectors, left as they are.
+        called: The file's name in messages; default ``path``.
 
     Raises:
         OSError: If the file cannot be opened.
@@ -45,19 +56,33 @@ def read(
         raise ValueError(
             f"alpha must be one of {', '.join(exr.ALPHA_CHOICES)}; got {alpha!r}."
         )
+    if primaries not in PRIMARIES_CHOICES:
+        raise ValueError(
+            f"primaries must be one of {', '.join(PRIMARIES_CHOICES)}; got {primaries!r}."
+        )
+    name = called or str(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"{name}: its name is not UTF-8; rename it.") from None
     if path.is_dir():
         faces = cube_faces(path)
         if faces is None:
             raise IsADirectoryError(
-                f"{path}: is a folder, not an image (nor the six faces of a cube)."
+                f"{name}: is a folder, not an image (nor the six faces of a cube)."
             )
-        return _six_faces(path, faces, max_pixels=max_pixels, alpha=alpha)
-    with naming(path):
-        return _read_file(path, max_pixels, layer, alpha)
+        return _six_faces(
+            name, faces, max_pixels=max_pixels, alpha=alpha, primaries=primaries
+        )
+    with naming(name):
+        if vectors and path.open("rb").read(4) == exr.MAGIC:
+            found = exr.read_vectors(path, max_pixels=max_pixels, layer=layer)
+            return from_array(found, "OpenEXR vectors")
+        return _read_file(path, max_pixels, layer, alpha, primaries)
 
 
 @contextlib.contextmanager
-def naming(path: Path) -> Iterator[None]:
+def naming(path: Path | str) -> Iterator[None]:
     """Turn whatever a reader raises into an OSError or ValueError with the file's name.
 
     Raises:
@@ -76,7 +101,9 @@ def naming(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: damaged ({error!r}).") from error
 
 
-def _read_file(path: Path, max_pixels: int, layer: str | None, alpha: str) -> Decoded:
+def _read_file(
+    path: Path, max_pixels: int, layer: str | None, alpha: str, primaries: str
+) -> Decoded:
     if not path.is_file() and path.exists():
         raise ValueError("is not a file")
     with path.open("rb") as file:
@@ -84,11 +111,13 @@ def _read_file(path: Path, max_pixels: int, layer: str | None, alpha: str) -> De
     if not start:
         raise ValueError("the file is empty")
     if start.startswith(exr.MAGIC):
-        return exr.read_exr(path, max_pixels=max_pixels, layer=layer, alpha=alpha)
+        return exr.read_exr(
+            path, max_pixels=max_pixels, layer=layer, alpha=alpha, primaries=primaries
+        )
     if layer is not None:
         raise ValueError(f"layer {layer!r} was asked for, which only an EXR has")
     if start.startswith(radiance.MAGIC):
-        return radiance.read_radiance(path, max_pixels=max_pixels)
+        return radiance.read_radiance(path, max_pixels=max_pixels, primaries=primaries)
     if start.startswith(raw.PFM_MAGIC):
         return raw.read_pfm(path, max_pixels=max_pixels)
     if start.startswith(raw.NPY_MAGIC):
@@ -112,12 +141,16 @@ def cube_faces(folder: Path) -> list[Path] | None:
 
 
 def _six_faces(
-    folder: Path, paths: list[Path], *, max_pixels: int, alpha: str
+    folder: str, paths: list[Path], *, max_pixels: int, **options: str
 ) -> Decoded:
     """Six square images, one below the other."""
-    faces = [read(path, max_pixels=max_pixels, alpha=alpha) for path in paths]
+    names = [str(Path(folder) / path.name) for path in paths]
+    faces = [
+        read(path, max_pixels=max_pixels, called=name, **options)
+        for path, name in zip(paths, names, strict=True)
+    ]
     side, _, channels = faces[0].shape
-    for path, face in zip(paths, faces, strict=True):
+    for path, face in zip(names, faces, strict=True):
         if face.shape != (side, side, channels):
             height, width, count = face.shape
             raise ValueError(
@@ -137,4 +170,6 @@ def _six_faces(
         return np.concatenate(parts)
 
     kind = f"six faces, {faces[0].kind}"
-    return Decoded((6 * side, side, channels), rows, kind, "vertical_strip")
+    return Decoded(
+        (6 * side, side, channels), rows, kind, "vertical_strip", matrix=faces[0].matrix
+    )

@@ -1,10 +1,18 @@
-"""Outputs are written beside their final name and renamed: whole or not at all."""
+"""Outputs are written beside their final name and renamed: whole or not at all.
+
+A link is followed, and its target is replaced. What is no plain file (a named pipe, a
+device) is written through, when the output is whole.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import os
 import re
+import secrets
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextvars import ContextVar
@@ -32,31 +40,63 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     Raises:
         OSError: If the folder cannot be written to, or ``path`` is an input.
     """
-    target = Path(path)
-    make_folder(target.parent)
-    if target.is_dir():
-        raise IsADirectoryError(f"{target}: is a folder, not a file to write.")
-    if target.exists() and any(
-        kept.exists() and target.samefile(kept) for kept in _inputs.get()
+    given = Path(path)
+    make_folder(given.parent)
+    if given.is_dir():
+        raise IsADirectoryError(f"{given}: is a folder, not a file to write.")
+    if given.exists() and any(
+        kept.exists() and given.samefile(kept) for kept in _inputs.get()
     ):
-        raise FileExistsError(f"{target}: is an input, which is not written over.")
+        raise FileExistsError(f"{given}: is an input, which is not written over.")
+    if given.exists() and not given.is_file():
+        with _written_through(given) as temporary:
+            yield temporary
+        return
+    target = Path(os.path.realpath(given)) if given.is_symlink() else given
     _remove_leftovers(target)
-    handle, name = tempfile.mkstemp(
-        prefix=f".{target.stem}-{os.getpid()}-", suffix=target.suffix, dir=target.parent
+    temporary = target.with_name(
+        f".{_stem(target)}-{os.getpid()}-{secrets.token_hex(4)}{target.suffix}"
     )
-    os.close(handle)
-    temporary = Path(name)
     try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(target)
+        with _telling(given, temporary):
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            yield temporary
+            temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def _written_through(target: Path) -> Iterator[Path]:
+    """A temporary file whose content goes into a pipe or a device when it is whole."""
+    with tempfile.TemporaryDirectory(prefix="shjax-") as folder:
+        temporary = Path(folder) / f"output{target.suffix}"
+        with _telling(target, temporary):
+            temporary.touch()
+            yield temporary
+            with temporary.open("rb") as source, target.open("wb") as sink:
+                shutil.copyfileobj(source, sink)
+
+
+@contextlib.contextmanager
+def _telling(target: Path, temporary: Path) -> Iterator[None]:
+    """Let errors name the file that was asked for, not the temporary one."""
+    try:
+        yield
+    except OSError as error:
+        words = (error.strerror or str(error)).replace(str(temporary), str(target))
+        text = words if words.startswith(str(target)) else f"{target}: {words}"
+        raise type(error)(text if text.endswith(".") else f"{text}.") from error
+
+
+def _stem(target: Path) -> str:
+    """The name's stem as far as every library can open it."""
+    return target.stem.encode("utf-8", "replace").decode()[:100]
+
+
 def _remove_leftovers(target: Path) -> None:
     """Temporaries of this target whose process is no more."""
-    stem, suffix = re.escape(target.stem), re.escape(target.suffix)
+    stem, suffix = re.escape(_stem(target)), re.escape(target.suffix)
     pattern = re.compile(rf"\.{stem}-(\d+)-[^.]+{suffix}")
     for entry in os.scandir(target.parent):
         found = pattern.fullmatch(entry.name)
@@ -114,7 +154,20 @@ def write_text(path: str | os.PathLike, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def json_text(content, *, indent: int | None = None) -> str:
+    """JSON that every reader takes: infinite numbers become null, NaN is refused.
+
+    Raises:
+        ValueError: If a number is NaN: a result that is none.
+    """
+    return json.dumps(_plain(content, "result"), indent=indent, allow_nan=False)
+
+
+def _plain(content, place: str):
+    if isinstance(content, dict):
+        return {key: _plain(value, f"{place}.{key}") for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_plain(value, place) for value in content]
+    if isinstance(content, float) and math.isnan(content):
+        raise ValueError(f"{place} is not a number (NaN): nothing is written.")
+    return None if isinstance(content, float) and math.isinf(content) else content

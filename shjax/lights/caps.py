@@ -12,14 +12,14 @@ from jax.core import Tracer
 from jaxtyping import Float
 
 from shjax.angular import reference_reflection_samples
-from shjax.arrays import Array, as_float
+from shjax.arrays import Array, as_float, check_count
 from shjax.brdf.core import Brdf, frames
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
 from shjax.sphere import normalize
 
-_NARROW = np.radians(5.0)  # up to here three rings serve
-_RING_WIDTH = np.radians(1.5)  # of the rings of wider caps
+# Half angles, degrees, and the rings that serve caps up to each.
+_WIDTHS = ((5.0, 3), (15.0, 10), (30.0, 20), (90.0, 60), (180.0, 120))
 
 
 @functools.partial(
@@ -27,7 +27,7 @@ _RING_WIDTH = np.radians(1.5)  # of the rings of wider caps
     data_fields=("directions", "heights", "flux"),
     meta_fields=(),
 )
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class CapLights:
     """Uniform caps of the sphere.
 
@@ -42,6 +42,23 @@ class CapLights:
     directions: Float[Array, "*batch n 3"]
     heights: Float[Array, "*batch n"]
     flux: Float[Array, "*batch n C"]
+
+    def __repr__(self) -> str:
+        """How many, where and how wide; one line for each."""
+        if isinstance(self.heights, Tracer) or np.ndim(self.heights) != 1:
+            return f"CapLights of shape {np.shape(self.heights)}"
+        rows = zip(
+            np.asarray(self.directions),
+            np.degrees(np.asarray(self.angles)),
+            np.asarray(self.flux),
+            strict=True,
+        )
+        lines = [
+            f"  towards ({', '.join(f'{x:.3f}' for x in d)}), half angle {a:.3g} degrees, "
+            f"flux {', '.join(f'{x:.4g}' for x in f)}"
+            for d, a, f in rows
+        ]
+        return "\n".join([f"CapLights: {len(lines)}", *lines[:8]])
 
     @property
     def angles(self) -> Float[jax.Array, " n"]:
@@ -168,25 +185,43 @@ def cap_reflection(
         normals: Unit normals.
         views: Unit vectors to the viewer.
         tangents: Unit tangents, for fibres.
-        rings: Of directions, each with twice as many spokes; default 3, and 1.5 degrees
-            wide for concrete caps of more than 5 degrees. Static.
+        rings: Of directions, each with twice as many spokes; default 3 for caps up to 5
+            degrees, and at most 1.5 degrees wide beyond: a choice by value that is the
+            same inside ``jit`` and ``vmap``. Static.
 
     Raises:
         ValueError: If ``rings`` is not positive or a shape is wrong.
     """
-    if rings is None:
-        rings = _rings_for(lights)
-    if rings < 1:
-        raise ValueError(f"rings must be positive; got {rings}.")
-    return _cap_reflection(lights, brdf, normals, views, tangents, rings=rings)
+    if rings is not None:
+        check_count("rings", rings)
+        return _cap_reflection(lights, brdf, normals, views, tangents, rings=rings)
+    choices = tuple(rings for _, rings in _WIDTHS)
+    if not np.size(lights.heights):
+        place = 0
+    elif isinstance(lights.heights, Tracer):
+        return _by_width(lights, brdf, normals, views, tangents)
+    else:
+        with jax.ensure_compile_time_eval():  # inside jit, too, concrete caps are known
+            place = int(_width_of(lights))
+    return _cap_reflection(lights, brdf, normals, views, tangents, rings=choices[place])
 
 
-def _rings_for(lights: CapLights) -> int:
-    if isinstance(lights.heights, Tracer) or not np.size(lights.heights):
-        return 3
-    with jax.ensure_compile_time_eval():  # inside jit, too, concrete caps are known
-        widest = float(jnp.max(lights.angles))
-    return 3 if widest <= _NARROW else int(np.ceil(widest / _RING_WIDTH))
+def _width_of(lights: CapLights) -> jax.Array:
+    """Which of the widths holds the widest of the caps."""
+    heights = jnp.asarray(lights.heights)
+    limits = np.array([2 * np.sin(np.radians(w) / 2) ** 2 for w, _ in _WIDTHS[:-1]])
+    # A cap of exactly 90 degrees must not fall on either side by its last digit.
+    limits = jnp.asarray(limits * (1 + 1e-5), heights.dtype)
+    return jnp.sum(jnp.max(heights) > limits)
+
+
+@jax.jit
+def _by_width(lights: CapLights, brdf: Brdf, normals, views, tangents) -> jax.Array:
+    """The quadrature that fits caps whose width is not known when tracing."""
+    branches = [functools.partial(_cap_reflection, rings=rings) for _, rings in _WIDTHS]
+    return jax.lax.switch(
+        _width_of(lights), branches, lights, brdf, normals, views, tangents
+    )
 
 
 @functools.partial(jax.jit, static_argnames=("rings",))

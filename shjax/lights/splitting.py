@@ -132,6 +132,8 @@ def _take_one(image: jax.Array, grey: jax.Array, whole: jax.Array, grid: _Band):
     solid = jnp.asarray(latlong_solid_angles(height, width), dtype)
     solid = jax.lax.dynamic_slice(solid, (first,), (grid.rows,))
     pixels = _directions(theta, grid)
+    means = _mean_less_centre(height, width)
+    means = jax.lax.dynamic_slice(jnp.asarray(means, dtype), (first, 0), (grid.rows, 2))
     seed = jnp.zeros((grid.rows, width), bool).at[row - first, column].set(True)
     brightest = shade[row - first, column]
 
@@ -150,11 +152,14 @@ def _take_one(image: jax.Array, grey: jax.Array, whole: jax.Array, grid: _Band):
     bright = (away < _height(_WINDOW)) & (shade - level > _SHARE_TAKEN * excess)
     region = _connected(bright, seed)
     stands_out = (excess > 0) & (brightest >= _LEAST_CONTRAST * jnp.maximum(level, 0))
-    small = jnp.all(jnp.where(region, away, 0) < _height(_WIDEST))
+    # A pixel is bright that the light touches: its centre may lie half of it further out.
+    reach = _WIDEST + np.pi / height / np.sqrt(2)
+    small = jnp.all(jnp.where(region, away, 0) < _height(reach))
     taken = jnp.where(region[..., None], jnp.maximum(band - around[None, None], 0), 0)
     flux = jnp.sum(taken * solid[:, None, None], axis=(0, 1))
     found = stands_out & small & (luminance(flux) >= _LEAST_FLUX * whole)
-    direction, cap = _moments(luminance(taken) * solid[:, None], pixels, solid, found)
+    amount = luminance(taken) * solid[:, None]
+    direction, cap = _moments(amount, pixels, _off_centre(means, grid), found)
     taken = jnp.where(found, taken, 0)
     light = (direction, cap, jnp.where(found, flux, 0))
     shade = luminance(jax.lax.stop_gradient(band - taken))
@@ -199,18 +204,39 @@ def _surroundings(image: jax.Array, axis: jax.Array) -> jax.Array:
     return (ranked[half - 1] + ranked[half]) / 2
 
 
-def _moments(flux: jax.Array, pixels: jax.Array, solid: jax.Array, found):
-    """Centroid of pixels with some flux each, and the cap of their mean cosine."""
+def _moments(flux: jax.Array, pixels: jax.Array, off: jax.Array, found):
+    """Centroid of pixels with some flux each, and the cap of their mean cosine.
+
+    ``off`` is each pixel's mean direction less its centre: at a pole a row of pixels is a
+    cap, whose parts lie on average further out than their centres.
+    """
     total = jnp.where(found, jnp.sum(flux), 1)
-    # A pixel is itself a cap: its own mean cosine is 1 - w / 4 pi.
-    inner = jnp.broadcast_to((solid / (4 * np.pi))[:, None], flux.shape)
-    moment = jnp.sum((flux * (1 - inner))[..., None] * pixels, axis=(0, 1))
+    moment = jnp.sum(flux[..., None] * (pixels + off), axis=(0, 1))
     upright = jnp.zeros(3, flux.dtype).at[2].set(1)
     axis = jnp.where(found, normalize(jnp.where(found, moment, upright)), upright)
     fall = jnp.sum((pixels - axis[None, None]) ** 2, axis=-1) / 2
-    lost = jnp.sum(flux * (fall + inner * (1 - fall))) / total
+    lost = jnp.sum(flux * (fall - jnp.matmul(off, axis, precision="highest"))) / total
     # The mean cosine of a cap is 1 - height / 2.
     return axis, jnp.where(found, 2 * lost, 0)
+
+
+def _mean_less_centre(height: int, width: int) -> np.ndarray:
+    """Mean direction of a pixel less its centre, across and up: one a row, ``(H, 2)``."""
+    half, theta = np.pi / (2 * height), latlong_theta(height)
+    between = 2 * np.sin(theta) * np.sin(half)  # of the cosines of the row's edges
+    across = half - np.cos(2 * theta) * np.sin(2 * half) / 2
+    across = across / between * np.sinc(1 / width)
+    return np.stack(
+        [across - np.sin(theta), -2 * np.cos(theta) * np.sin(half / 2) ** 2], axis=-1
+    )
+
+
+def _off_centre(means: jax.Array, grid: _Band) -> jax.Array:
+    """The same as vectors, for each pixel of a band."""
+    across, up = means[:, :1], means[:, 1:]
+    x = across * jnp.asarray(grid.cosine, means.dtype)[None]
+    y = across * jnp.asarray(grid.sine, means.dtype)[None]
+    return jnp.stack([x, y, jnp.broadcast_to(up, x.shape)], axis=-1)
 
 
 def _connected(bright: jax.Array, seed: jax.Array) -> jax.Array:

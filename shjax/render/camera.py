@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +25,11 @@ class Camera:
         up: Points up in the image; not along the line of sight.
         width: Width of the view of an orthographic camera, scene units.
         fov: Horizontal field of view of a perspective one, radians; None: orthographic.
+
+    Vectors may be any three numbers, in a tuple, a list or an array.
+
+    Raises:
+        ValueError: If a vector is not three finite numbers, or a size is no number.
     """
 
     origin: Vector = (-4.0, 0.0, 0.0)
@@ -31,6 +37,29 @@ class Camera:
     up: Vector = (0.0, 0.0, 1.0)
     width: float = 2.1
     fov: float | None = None
+
+    def __post_init__(self) -> None:
+        """Numbers of any kind become floats: a camera is a key of compiled programs."""
+        for name in ("origin", "target", "up"):
+            object.__setattr__(self, name, _floats(name, getattr(self, name), 3))
+        for name in ("width", "fov"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _floats(name, value, 0))
+
+
+def _floats(name: str, value: Any, size: int) -> Any:
+    """A number (size 0) or so many numbers as floats, whatever holds them."""
+    rule = f"camera.{name} must be {size or 'a'} finite number{'s' * bool(size)}"
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        array = np.asarray(None)
+    if array.dtype.kind not in "iuf" or array.shape != ((size,) if size else ()):
+        raise ValueError(f"{rule}; got {value!r}.")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{rule}; got {value!r}.")
+    return tuple(array.astype(float).tolist()) if size else float(array)
 
 
 def check_camera(camera: Camera) -> None:
@@ -68,9 +97,12 @@ def camera_rays(
     Returns:
         Origins and directions, each ``(H, W, 3)``.
     """
-    origin = jnp.array(camera.origin)
-    forward = normalize(jnp.array(camera.target) - origin)
-    right = normalize(jnp.cross(forward, jnp.array(camera.up)))
+    dtype = jnp.result_type(float)
+    origin, target, up = (
+        jnp.asarray(v, dtype) for v in (camera.origin, camera.target, camera.up)
+    )
+    forward = normalize(target - origin)
+    right = normalize(jnp.cross(forward, up))
     up = jnp.cross(right, forward)
     half = camera.width / 2 if camera.fov is None else math.tan(camera.fov / 2)
     across = ((np.arange(width) + 0.5 + offset[1]) * 2 / width - 1) * half

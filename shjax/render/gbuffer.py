@@ -10,7 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
+from shjax.arrays import (
+    Array,
+    as_float,
+    as_number_or_float,
+    check_count,
+    picture_size,
+    shape_of,
+)
 from shjax.render.camera import Camera, camera_rays, check_camera
 from shjax.sphere import normalize
 
@@ -75,19 +82,24 @@ def make_gbuffer(
     size, dtype = normals.shape[:2], normals.dtype
     if mask is None:
         mask = jnp.any(normals != 0, axis=-1).astype(dtype)
-    if mask.shape != size:
+    if shape_of("mask", mask) != size:
         raise ValueError(f"mask must have shape {size}; got {mask.shape}.")
     if views is None:
         views = jnp.zeros_like(normals)
-    if views.shape != normals.shape:
+    if shape_of("views", views) != normals.shape:
         raise ValueError(f"views must have shape {normals.shape}; got {views.shape}.")
-    albedo = jnp.atleast_1d(jnp.asarray(albedo, dtype))
+    albedo = jnp.atleast_1d(as_number_or_float("albedo", albedo, dtype))
     if albedo.ndim not in (1, 3) or (albedo.ndim == 3 and albedo.shape[:2] != size):
         raise ValueError(
             f"albedo must be a number or have shape (C,) or (H, W, C); got {albedo.shape}."
         )
     albedo = jnp.broadcast_to(albedo, (*size, albedo.shape[-1]))
-    return GBuffer(normals, jnp.asarray(mask, dtype), jnp.asarray(views, dtype), albedo)
+    return GBuffer(
+        normals,
+        as_number_or_float("mask", mask, dtype),
+        as_float("views", views).astype(dtype),
+        albedo,
+    )
 
 
 def sphere(
@@ -112,12 +124,15 @@ def sphere(
     Raises:
         ValueError: If the size is not positive or the camera sees along its own up.
     """
-    height, width = (size, size) if isinstance(size, int) else size
-    if height < 1 or width < 1:
-        raise ValueError(f"size must be positive; got {size}.")
+    height, width = picture_size(size)
     camera = camera or Camera()
     check_camera(camera)
-    ball = _sphere(height, width, camera, jnp.asarray(albedo, jnp.result_type(float)))
+    ball = _sphere(
+        height,
+        width,
+        camera,
+        as_number_or_float("albedo", albedo, jnp.result_type(float)),
+    )
     if not tangents:
         return ball
     return dataclasses.replace(ball, tangents=_along_parallels(ball.normals))
@@ -182,9 +197,8 @@ def footprints(
     Raises:
         ValueError: If a size is not positive or the camera sees along its own up.
     """
-    height, width = (size, size) if isinstance(size, int) else size
-    if min(height, width, samples) < 1:
-        raise ValueError(f"size and samples must be positive; got {size}, {samples}.")
+    height, width = picture_size(size)
+    check_count("samples", samples)
     camera = camera or Camera()
     check_camera(camera)
     steps = (np.arange(samples) + 0.5) / samples - 0.5

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from shjax.arrays import Array, check_vectors
+from shjax.arrays import Array, check_count, check_vectors, picture_size
 from shjax.render.camera import Camera, camera_rays, check_camera
 from shjax.render.gbuffer import GBuffer
 from shjax.render.textures import surface_of
@@ -138,9 +138,8 @@ def trace_mesh(
         OSError: If the file cannot be opened.
         ValueError: If it cannot be read, a size is not positive, or it has no material.
     """
-    height, width = (size, size) if isinstance(size, int) else size
-    if height < 1 or width < 1 or samples < 1:
-        raise ValueError(f"size and samples must be positive; got {size}, {samples}.")
+    height, width = picture_size(size)
+    check_count("samples", samples)
     check_camera(camera)
     geometry = load_mesh(path) if isinstance(path, (str, os.PathLike)) else path
     surface = geometry.metadata.get(_SURFACE) if material else None

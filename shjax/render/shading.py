@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from shjax import shrm
 from shjax.angular import reference_reflection
-from shjax.arrays import Array
+from shjax.arrays import Array, picture_size
 from shjax.brdf import Brdf
 from shjax.ibl import PrefilteredLight
 from shjax.ibl import shade as shade_points
@@ -241,7 +241,7 @@ def background(
     Returns:
         The picture, ``(H, W, C)``.
     """
-    height, width = (size, size) if isinstance(size, int) else size
+    height, width = picture_size(size)
     _, directions = camera_rays(height, width, camera)
     return panorama_at(radiance, directions)
 
