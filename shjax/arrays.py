@@ -43,21 +43,37 @@ def shape_of(name: str, array) -> tuple[int, ...]:
     return array.shape
 
 
-def check_channels(name: str, array, leading: str, rank: int) -> None:
-    """Refuse what is no array, or lacks its channel axis or one in front of it.
+def check_floating(name: str, array) -> None:
+    """Refuse whole numbers and other kinds: an 8-bit picture is not linear light.
+
+    Raises:
+        ValueError: If an array does not hold real floating-point numbers.
+    """
+    if not jnp.issubdtype(array.dtype, jnp.floating):
+        raise ValueError(f"{name} must hold floating-point numbers; got {array.dtype}.")
+
+
+def check_channels(
+    name: str, array, leading: str, rank: int, *, batch: bool = True
+) -> None:
+    """Refuse what is no array of floats, or lacks its channel axis or one in front of it.
 
     Args:
         name: The argument's name, for the message.
         array: What came.
         leading: The axes that must be there, in words such as ``n_theta, n_phi, C``.
         rank: How many of them there are.
+        batch: Whether axes in front of them are allowed.
 
     Raises:
         ValueError: If it is no array, there are fewer axes, or one of them is empty.
     """
     shape = shape_of(name, array)
-    if len(shape) < rank or 0 in shape[len(shape) - rank :]:
-        raise ValueError(f"{name} must have shape (..., {leading}); got {shape}.")
+    few = len(shape) < rank or (not batch and len(shape) > rank)
+    if few or 0 in shape[len(shape) - rank :]:
+        front = "..., " if batch else ""
+        raise ValueError(f"{name} must have shape ({front}{leading}); got {shape}.")
+    check_floating(name, array)
 
 
 def check_vectors(name: str, array) -> None:
@@ -69,6 +85,7 @@ def check_vectors(name: str, array) -> None:
     shape = shape_of(name, array)
     if not shape or shape[-1] != 3:
         raise ValueError(f"{name} must have shape (..., 3); got {shape}.")
+    check_floating(name, array)
 
 
 def check_samples(radiance, directions, weights, *, batch: bool = False) -> None:
@@ -93,6 +110,7 @@ def check_samples(radiance, directions, weights, *, batch: bool = False) -> None
             raise ValueError(
                 f"{name} must have shape {shape} to fit radiance; got {array.shape}."
             )
+        check_floating(name, array)
 
 
 def check_count(name: str, value, *, least: int = 1) -> int:

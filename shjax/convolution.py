@@ -42,7 +42,7 @@ def convolve(
     Raises:
         ValueError: If a shape is wrong.
     """
-    check_channels("gains", gains, "l_max + 1, C", 2)
+    check_channels("gains", gains, "l_max + 1, C", 2, batch=False)
     l_max = min(degree_of_coefs(lighting, "lighting"), gains.shape[0] - 1)
     lighting = as_float("lighting", lighting)[..., : (l_max + 1) ** 2, :]
     channels = common_channels(lighting.shape[-1], gains.shape[-1], "gains")
@@ -116,6 +116,8 @@ def reflect(
     Raises:
         ValueError: If a shape is wrong.
     """
+    check_channels("lighting", lighting, "K, C", 2, batch=False)
+    check_channels("rho", rho, "L, P, P, C", 4, batch=False)
     l_rho, p_max = orders_of_rho(rho)
     l_max = min(degree_of_coefs(lighting, "lighting"), l_rho)
     channels = common_channels(lighting.shape[-1], rho.shape[-1], "rho")

@@ -192,7 +192,7 @@ def make_envmap(
     Raises:
         ValueError: If the layout is unknown, cannot be told, or does not fit the image.
     """
-    check_channels("image", image, "H, W, C", 3)
+    check_channels("image", image, "H, W, C", 3, batch=False)
     height, width, _channels = image.shape
     guessed = layout == "auto"
     name = guess_layout(height, width) if guessed else layout

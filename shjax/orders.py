@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
+from shjax.arrays import Array, as_float, check_channels
 from shjax.brdf.core import Brdf
 from shjax.kernels import BrdfExpansion, coefs_and_energy, order_counts
 
@@ -40,6 +40,7 @@ def lighting_order(spectrum: Float[Array, "L C"], *, energy_error: float) -> int
         ValueError: If the share is not between 0 and 1.
     """
     _check_share(energy_error)
+    check_channels("spectrum", spectrum, "L, C", 2, batch=False)
     held = np.cumsum(np.asarray(spectrum, np.float64).sum(axis=-1))
     return int(np.argmax(held >= (1 - energy_error) * held[-1]))
 
@@ -125,6 +126,8 @@ def residual_heuristic(
     Raises:
         ValueError: If the two do not have the same length or end at or before ``l_max``.
     """
+    for name, array in (("spectrum", spectrum), ("gains", gains)):
+        check_channels(name, array, "L, C", 2, batch=False)
     power, gain = (np.asarray(a, np.float64).sum(axis=-1) for a in (spectrum, gains))
     if power.shape != gain.shape or power.size <= l_max + 1:
         raise ValueError(
@@ -158,6 +161,7 @@ def predicted_energy_error(
     Raises:
         ValueError: If the expansion is too short or the channels do not fit.
     """
+    check_channels("spectrum", spectrum, "L, C", 2, batch=False)
     spectrum = as_float("spectrum", spectrum)
     degrees = spectrum.shape[0]
     if degrees > expansion.l_max + 1:

@@ -157,7 +157,10 @@ def irradiance_error(
         ValueError: If a shape is wrong.
     """
     check_samples(radiance, directions, weights)
+    radiance = as_float("radiance", radiance)
     dtype = radiance.dtype
+    check_channels("lighting", lighting, "K, C", 2, batch=False)
+    lighting = as_float("lighting", lighting).astype(dtype)
     normals = jnp.asarray(fibonacci_directions(4000), dtype)
     exact = reference_irradiance_samples(radiance, directions, weights, normals)
     expansion = luminance(irradiance(lighting, normals))

@@ -1,4 +1,4 @@
-"""Every public function says so where an argument is not an array."""
+"""Every public function takes an argument of any form, or refuses it by its name."""
 
 import inspect
 import re
@@ -65,3 +65,41 @@ def test_a_list_serves_or_is_refused_by_name(function, needed, one):
     given[one.name] = given[one.name].tolist()
     said = f"{one.name} must be a JAX or NumPy array; got list."
     assert _refusal(function, given) in (None, said)
+
+
+def _read_only(array):
+    array = array.copy()
+    array.setflags(write=False)
+    return array
+
+
+# What is done to an argument, and whether its values are still the same light.
+FORMS = {
+    "whole numbers": (lambda a: np.ones_like(a, np.int32), False),
+    "8 bits": (lambda a: np.ones_like(a, np.uint8), False),
+    "booleans": (lambda a: np.ones_like(a, bool), False),
+    "complex": (lambda a: a.astype(np.complex64), False),
+    "half": (lambda a: a.astype(np.float16), True),
+    "no axis": (lambda a: np.ones((), np.float32), True),
+    "empty": (lambda a: a[..., :0] if a.ndim else a, True),
+    "empty in front": (lambda a: a[:0] if a.ndim else a, True),
+    "an axis less": (lambda a: a[0] if a.ndim else a, True),
+    "an axis more": (lambda a: a[None], True),
+    "read-only": (_read_only, True),
+    "strided": (lambda a: np.repeat(a, 2, axis=0)[::2] if a.ndim else a, True),
+    "nothing": (lambda a: None, False),
+}
+
+
+@pytest.mark.parametrize(("function", "needed", "one"), list(_arrays()))
+@pytest.mark.usefixtures("as_a_user")
+def test_any_form_serves_or_is_refused_by_name(function, needed, one):
+    """Never a traceback from elsewhere, and never integers taken for light."""
+    given = {p.name: _given(p) for p in needed}
+    plain = _refusal(function, given)
+    for form, (change, may_serve) in FORMS.items():
+        said = _refusal(function, given | {one.name: change(given[one.name])})
+        if said is None:
+            assert may_serve, form
+        else:
+            assert one.name.rstrip("s") in said or said == plain, (form, said)

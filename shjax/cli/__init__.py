@@ -5,6 +5,7 @@ Exit status: 0, or one line on standard error and 2 (bad input) or 1 (a failure)
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 
@@ -25,7 +26,8 @@ def cli() -> None:
 def main() -> None:
     """Run the command line; errors are one line on standard error."""
     for stream in (sys.stdout, sys.stderr):  # a file's name may be of no encoding
-        stream.reconfigure(errors="backslashreplace")
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     from shjax.cli.convert import convert
     from shjax.cli.estimate import estimate
     from shjax.cli.light import light

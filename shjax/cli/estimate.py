@@ -21,6 +21,7 @@ from shjax.display import tone_map
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import degrees, orders
 from shjax.io.colour import decode_srgb, encode_srgb
+from shjax.io.images import MAX_PIXELS, decode, in_memory
 from shjax.io.writing import check_folder, json_text, protecting
 from shjax.render import Camera
 from shjax.render.shading import covered
@@ -279,8 +280,8 @@ def run(image: Path, out: Path, **options) -> dict:
 
 def _light_of(image: Path, transfer: str) -> tuple[np.ndarray, str]:
     """A picture's linear light, and how it was decoded, in words."""
-    decoded = io.images.decode(image, max_pixels=io.images.MAX_PIXELS, isolate=True)
-    picture = io.images.in_memory(image, decoded).astype(float)
+    decoded = decode(image, max_pixels=MAX_PIXELS, isolate=True)
+    picture = in_memory(image, decoded).astype(float)
     if not np.all(np.isfinite(picture)):
         bad = int(np.sum(~np.isfinite(picture)))
         raise ValueError(f"{image}: {bad} values are NaN or infinite.")

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels, shape_of
+from shjax.arrays import Array, as_float, check_channels, check_floating, shape_of
 
 HIGHEST_DEGREE = 1024
 
@@ -90,9 +90,8 @@ def spread(gains: Float[Array, "*batch L"]) -> Float[jax.Array, "*batch K"]:
     Raises:
         ValueError: If ``gains`` is no array.
     """
-    return jnp.take(
-        jnp.asarray(gains), degrees(shape_of("gains", gains)[-1] - 1), axis=-1
-    )
+    check_channels("gains", gains, "l_max + 1", 1)
+    return jnp.take(jnp.asarray(gains), degrees(gains.shape[-1] - 1), axis=-1)
 
 
 def scale_degrees(
@@ -115,6 +114,7 @@ def scale_degrees(
         raise ValueError(
             f"gains must have shape ({l_max + 1},) for l_max={l_max}; got {gains.shape}."
         )
+    check_floating("gains", gains)
     coefs = as_float("coefs", coefs)
     column = spread(jnp.asarray(gains, coefs.dtype))[:, None]
     return coefs * jnp.broadcast_to(column, coefs.shape)

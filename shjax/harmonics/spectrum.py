@@ -63,6 +63,9 @@ def multiply(
             "first and second must have the same batch and channels; got "
             f"{first.shape} and {second.shape}."
         )
+    first, second = as_float("first", first), as_float("second", second)
+    common = np.promote_types(first.dtype, second.dtype)
+    first, second = first.astype(common), second.astype(common)
     rings = {"n_theta": l_max + 1, "n_phi": 2 * l_max + 1}
     values = [
         synthesize(coefs, **rings, quadrature="gauss-legendre")

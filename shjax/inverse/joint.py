@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from shjax.arrays import Array, shape_of
+from shjax.arrays import Array, check_channels
 from shjax.estimate import Estimate
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import check_l_max, degrees
@@ -88,7 +88,8 @@ def estimate_joint(
         ValueError: If shapes do not fit, or a name is unknown.
     """
     check_l_max(l_max)
-    count = shape_of("images", images)[0]
+    check_channels("images", images, "V, C", 2)
+    count = images.shape[0]
     numbers = np.zeros(count, int) if lights is None else np.asarray(lights, int)
     kinds = np.unique(numbers)
     if numbers.shape != (count,) or not np.array_equal(kinds, np.arange(len(kinds))):

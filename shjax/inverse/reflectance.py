@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from shjax.arrays import Array, as_float, shape_of
+from shjax.arrays import Array, as_float, check_channels, check_vectors, shape_of
 from shjax.estimate import Estimate
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs
 from shjax.inverse.coefficients import estimate_coefficients
@@ -79,6 +79,7 @@ def estimate_brdf(
         image, normals, views, mask, albedo, least_cosine
     )
     dtype, channels = pixels.image.dtype, pixels.image.shape[-1]
+    check_channels("lighting", lighting, "K, C", 2, batch=False)
     highest = degree_of_coefs(lighting, "lighting")
     if lighting.shape[-1] not in (1, channels):
         raise ValueError(
@@ -118,6 +119,8 @@ def check_pictures(
                 f"{name} must have shape {(*points, 3)} to fit image; got "
                 f"{vectors.shape}."
             )
+    for name, vectors in (("normals", normals), ("views", views)):
+        check_vectors(name, vectors)
     pixels = flatten(image, jnp.any(jnp.asarray(normals) != 0, axis=-1), mask, albedo)
     used = (pixels.weights > 0).reshape(points)
     for name, vectors in (("normals", normals), ("views", views)):

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.arrays import as_float, in_blocks, shape_of
+from shjax.arrays import as_float, check_vectors, in_blocks, shape_of
 from shjax.brdf import Brdf
 from shjax.inverse.compression import Compressed
 from shjax.inverse.glossy import glossy_rows, table_to
@@ -51,7 +51,10 @@ def make_surface(image, normals, mask, albedo, brdf, views, least_cosine, rows):
         return Surface(pixels, rows=flat.reshape(-1, *rows.shape[len(points) :]))
     if normals is None:
         raise ValueError("normals must be given, or rows.")
-    parts = len(shape_of("normals", normals)) == len(points) + 2
+    check_vectors("normals", normals)
+    if views is not None:
+        check_vectors("views", views)
+    parts = normals.ndim == len(points) + 2
     shapes = [(*points, 3), (*points, normals.shape[-2], 3) if parts else None]
     if normals.shape not in shapes:
         raise ValueError(

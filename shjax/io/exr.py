@@ -102,13 +102,19 @@ def _open(path: Path, **options: bool):
     return file
 
 
+def _short(suffix: str) -> str:
+    """A channel's letter, whatever it is called."""
+    upper = suffix.upper()
+    return _ALIASES.get(upper, upper)
+
+
 def _groups(parts) -> list[_Group]:
     found = []
     for number, part in enumerate(parts):
         layers: dict[str, dict[str, str]] = {}
         for channel in part.header["channels"]:
             prefix, _, suffix = channel.name.rpartition(".")
-            short = _ALIASES.get(suffix.upper(), suffix.upper())
+            short = _short(suffix)
             layers.setdefault(prefix, {}).setdefault(short, channel.name)
         for prefix, names in sorted(layers.items()):
             if set(names) - {"A"} == {"R"}:  # a grey picture of one channel
@@ -182,7 +188,7 @@ def read_vectors(
         layers: dict[str, dict[str, object]] = {}
         for name, channel in part.channels.items():
             prefix, _, suffix = name.rpartition(".")
-            short = _ALIASES.get(suffix.upper(), suffix.upper())
+            short = _short(suffix)
             layers.setdefault(prefix, {})[short] = channel
         for prefix, channels in layers.items():
             for kind in (("X", "Y", "Z"), ("R", "G", "B")):

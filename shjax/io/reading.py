@@ -6,6 +6,7 @@ import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,10 +76,15 @@ def read(
             name, faces, max_pixels=max_pixels, alpha=alpha, primaries=primaries
         )
     with naming(name):
-        if vectors and path.open("rb").read(4) == exr.MAGIC:
+        if vectors and _is_exr(path):
             found = exr.read_vectors(path, max_pixels=max_pixels, layer=layer)
             return from_array(found, "OpenEXR vectors")
         return _read_file(path, max_pixels, layer, alpha, primaries)
+
+
+def _is_exr(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(exr.MAGIC)) == exr.MAGIC
 
 
 @contextlib.contextmanager
@@ -141,7 +147,7 @@ def cube_faces(folder: Path) -> list[Path] | None:
 
 
 def _six_faces(
-    folder: str, paths: list[Path], *, max_pixels: int, **options: str
+    folder: str, paths: list[Path], *, max_pixels: int, **options: Any
 ) -> Decoded:
     """Six square images, one below the other."""
     names = [str(Path(folder) / path.name) for path in paths]

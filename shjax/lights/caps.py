@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jaxtyping import Float
 
 from shjax.angular import reference_reflection_samples
-from shjax.arrays import Array, as_float, check_count
+from shjax.arrays import Array, as_float, check_count, check_vectors
 from shjax.brdf.core import Brdf, frames
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
@@ -192,6 +192,8 @@ def cap_reflection(
     Raises:
         ValueError: If ``rings`` is not positive or a shape is wrong.
     """
+    for name, vectors in (("normals", normals), ("views", views)):
+        check_vectors(name, vectors)
     if rings is not None:
         check_count("rings", rings)
         return _cap_reflection(lights, brdf, normals, views, tangents, rings=rings)

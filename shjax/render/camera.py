@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -12,7 +13,8 @@ import numpy as np
 
 from shjax.sphere import normalize
 
-Vector = tuple[float, float, float]
+Number = float | int | np.floating | np.integer
+Vector = Sequence[Number] | np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,8 +37,8 @@ class Camera:
     origin: Vector = (-4.0, 0.0, 0.0)
     target: Vector = (0.0, 0.0, 0.0)
     up: Vector = (0.0, 0.0, 1.0)
-    width: float = 2.1
-    fov: float | None = None
+    width: Number = 2.1
+    fov: Number | None = None
 
     def __post_init__(self) -> None:
         """Numbers of any kind become floats: a camera is a key of compiled programs."""

@@ -1,0 +1,329 @@
+"""Faults that were found by use, each with a small input and the right value."""
+
+import json
+import multiprocessing
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio
+import pytest
+
+import shjax
+from shjax import io, lights, metrics, render
+from shjax.cli.many import expand
+from shjax.io import isolation
+from shjax.io.writing import json_text
+from shjax.sphere import latlong_directions, latlong_solid_angles
+
+pytestmark = pytest.mark.usefixtures("as_a_user")
+
+
+@pytest.fixture
+def numbered(tmp_path):
+    """Sixteen files, each of which holds its own number."""
+    for k in range(16):
+        io.write_image(tmp_path / f"{k}.exr", np.full((8, 16, 3), k, np.float32))
+    return tmp_path
+
+
+def _own_number(folder_and_number) -> bool:
+    folder, k = folder_and_number
+    return bool(np.all(io.read_image(folder / f"{k}.exr", isolate=True) == k))
+
+
+def test_threads_read_their_own_files(numbered):
+    jobs = [(numbered, k % 16) for k in range(64)]
+    with ThreadPoolExecutor(4) as threads:
+        assert all(threads.map(_own_number, jobs))
+        plain = lambda job: np.all(io.read_image(job[0] / f"{job[1]}.exr") == job[1])  # noqa: E731
+        assert all(threads.map(plain, jobs))
+    isolation.stop()
+
+
+def test_forked_processes_read_their_own_files(numbered):
+    assert _own_number((numbered, 0))  # the parent has a worker
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # JAX and Python warn of any fork
+        context = multiprocessing.get_context("fork")
+        with context.Pool(2) as pool:
+            found = pool.map(_own_number, [(numbered, k) for k in range(16)])
+    assert all(found)
+
+
+def test_a_relative_path_is_of_the_current_folder(numbered, monkeypatch):
+    monkeypatch.chdir(numbered)
+    assert io.read_image("3.exr", isolate=True).max() == 3
+    (numbered / "other").mkdir()
+    io.write_image("other/3.exr", np.full((8, 16, 3), 77, np.float32))
+    monkeypatch.chdir(numbered / "other")
+    assert io.read_image("3.exr", isolate=True).max() == 77
+    with pytest.raises(OSError, match=r"^gone.exr: "):
+        io.read_image("gone.exr", isolate=True)
+
+
+def test_modules_of_the_current_folder_are_not_run(numbered, monkeypatch):
+    monkeypatch.chdir(numbered)
+    for name in ("random", "jax", "numpy"):
+        (numbered / f"{name}.py").write_text("raise SystemExit('was run')")
+    isolation.stop()
+    assert io.read_image("3.exr", isolate=True).max() == 3
+
+
+@pytest.mark.parametrize("kind", [tuple, list, np.array])
+def test_a_camera_of_whole_numbers_is_that_of_floats(kind):
+    ball = render.sphere(64, render.Camera(origin=kind((-4, 0, 0)), width=2.1))
+    assert float(ball.mask.mean()) == pytest.approx(np.pi / 2.1**2, abs=1e-3)
+    assert render.Camera(origin=kind((-4, 0, 0))) == render.Camera()
+
+
+def test_what_is_no_camera_is_refused_by_name():
+    for name, value in (
+        ("origin", (1, 2)), ("up", "z"), ("target", (0, np.nan, 0)), ("width", True),
+        ("fov", [1]),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=f"camera.{name} must be"):
+            render.Camera(**{name: value})
+
+
+def test_eight_bits_are_no_light_or_albedo():
+    normals = np.tile(np.float32([0, 0, 1]), (2, 2, 1))
+    white = np.full((2, 2, 3), 255, np.uint8)
+    for call in (
+        lambda: render.make_gbuffer(normals, albedo=white),
+        lambda: render.sphere(8, albedo=np.uint8(255)),
+        lambda: shjax.estimate_lighting(normals, normals, albedo=white),
+    ):
+        with pytest.raises(ValueError, match="albedo must hold floating-point"):
+            call()
+    with pytest.raises(ValueError, match="mask must hold floating-point"):
+        shjax.estimate_lighting(normals, normals, mask=white[..., 0])
+    with pytest.raises(ValueError, match="image must hold floating-point"):
+        shjax.make_envmap(np.ones((8, 16, 3), np.uint8))
+
+
+def test_writers_refuse_what_a_format_cannot_hold(tmp_path):
+    pixel = np.array([[[1, -0.02, 0.5]]])
+    for name, value, words in (
+        ("a.hdr", pixel, "negative, the first at row 0, column 0, channel 1"),
+        ("a.hdr", pixel * np.inf, "infinite"),
+        ("a.png", pixel * np.nan, "NaN"),
+        ("a.exr", pixel * 1e300, "beyond float32"),
+        ("a.exr", np.ones((1, 1, 3), np.uint8), "floating point"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            io.write_image(tmp_path / name, value)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ValueError, match="coefs must be finite"):
+        io.write_coefs(tmp_path / "a.json", np.full((9, 3), np.nan), "json")
+    with pytest.raises(ValueError, match=r"result.a is not a number"):
+        json_text({"a": [1.0, np.nan]})
+    assert json.loads(json_text({"a": np.inf})) == {"a": None}
+
+
+def test_encoded_values_go_into_a_png_as_they_are(tmp_path):
+    image = np.arange(48, dtype=np.uint8).reshape(4, 4, 3) * 5
+    io.write_image(tmp_path / "a.png", image)
+    held = oiio.ImageBuf(str(tmp_path / "a.png")).get_pixels(oiio.UINT8)
+    np.testing.assert_array_equal(held, image)
+
+
+def test_pipes_and_links_are_written_through(tmp_path):
+    pipe, link, plain = (tmp_path / name for name in ("p.png", "l.png", "r.png"))
+    os.mkfifo(pipe)
+    read = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    io.write_image(pipe, np.ones((4, 4, 3)))
+    reader.join()
+    assert read[0].startswith(b"\x89PNG")
+    assert pipe.is_fifo()
+    io.write_image(plain, np.ones((4, 4, 3)))
+    link.symlink_to(plain)
+    io.write_image(link, np.zeros((4, 4, 3)))
+    assert link.is_symlink()
+    assert io.read_image(plain).max() == 0
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.hdr", "a.exr"])
+def test_a_full_disk_leaves_nothing_and_is_told(tmp_path, monkeypatch, rng, name):
+    monkeypatch.chdir(tmp_path)
+    image = rng.uniform(size=(64, 64, 3))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        with pytest.raises(OSError, match=f"^{name}: ") as caught:
+            io.write_image(name, image)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+    assert "/." not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_results_in_a_folder_are_no_inputs(tmp_path):
+    for name in ("a.exr", "b.exr", "a_irradiance.exr", "a_spheres.png", "c_light.exr"):
+        (tmp_path / name).touch()
+    record = {"schema": "shjax.estimate/1", "files": {"x": "far/c_light.exr"}}
+    (tmp_path / "c_light.json").write_text(json.dumps(record))
+    assert [path.name for path in expand([tmp_path])] == ["a.exr", "b.exr"]
+
+
+def test_old_run_lengths_of_runs_upon_runs(tmp_path):
+    """A second repeat counts 256 times: 1 + 3 + 2 x 256 pixels."""
+    line = bytes([9, 8, 7, 130, 1, 1, 1, 3, 1, 1, 1, 2])
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2\t+X 516\n"
+    (tmp_path / "a.hdr").write_bytes(head + 2 * line)
+    image = io.read_image(tmp_path / "a.hdr")
+    expected = np.ldexp(np.float32([9.5, 8.5, 7.5]), 130 - 136)
+    np.testing.assert_array_equal(image, np.broadcast_to(expected, (2, 516, 3)))
+    (tmp_path / "a.hdr").write_bytes(head + 2 * line[:-4])
+    with pytest.raises(ValueError, match="damaged or cut off"):
+        io.read_image(tmp_path / "a.hdr")
+
+
+def test_flat_pixels_that_look_like_an_encoding(tmp_path, rng):
+    rgbe = rng.integers(2, 250, (3, 16, 4), dtype=np.uint8)
+    rgbe[1, 0], rgbe[2, 5] = [2, 2, 0, 16], [1, 1, 1, 200]
+    head = b"#?RADIANCE\n\n-Y 3 +X 16\n"
+    (tmp_path / "a.hdr").write_bytes(head + rgbe.tobytes())
+    expected = np.ldexp(
+        rgbe[..., :3] + np.float32(0.5), rgbe[..., 3:].astype(int) - 136
+    )
+    np.testing.assert_array_equal(io.read_image(tmp_path / "a.hdr"), expected)
+
+
+def test_channels_by_their_whole_names_and_red_alone(tmp_path, rng):
+    image = rng.uniform(size=(4, 8, 3)).astype(np.float32)
+    planes = dict(zip(("red", "green", "blue"), np.moveaxis(image, -1, 0), strict=True))
+    planes = {name: plane.copy() for name, plane in planes.items()}
+    OpenEXR.File({}, planes).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(io.read_image(tmp_path / "a.exr"), image)
+    OpenEXR.File({}, {"R": planes["red"]}).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(io.read_image(tmp_path / "a.exr"), image[..., :1])
+
+
+def test_normals_are_vectors_not_colours(tmp_path, rng):
+    vectors = rng.normal(size=(4, 8, 3)).astype(np.float32)
+    planes = {f"nn.{c}": vectors[..., k].copy() for k, c in enumerate("XYZ")}
+    path = tmp_path / "n.exr"
+    OpenEXR.File({}, planes).write(str(path))
+    with pytest.raises(ValueError, match="are vectors, not colours"):
+        io.read_image(path)
+    for isolate in (False, True):
+        np.testing.assert_array_equal(io.read_vectors(path, isolate=isolate), vectors)
+    more = {f"ViewLayer.Normal.{c}": vectors[..., k] + 1 for k, c in enumerate("XYZ")}
+    OpenEXR.File({}, planes | more).write(str(path))
+    np.testing.assert_array_equal(io.read_vectors(path), vectors + 1)
+    np.testing.assert_array_equal(io.read_vectors(path, layer="nn"), vectors)
+
+
+def test_probes_of_editors_and_scenes(tmp_path, rng):
+    grey = rng.normal(size=(9, 1)).astype(np.float32)
+    path = tmp_path / "a.json"
+    io.write_coefs(path, grey, "three")
+    colour = np.repeat(grey, 3, axis=1)
+    np.testing.assert_allclose(io.read_coefs(path), colour, atol=1e-6)
+    probe = json.loads(path.read_text())["object"]
+    scene = {"object": {"type": "Scene", "children": [{"type": "Group"}, probe]}}
+    path.write_text(json.dumps(scene), encoding="utf-8-sig")
+    np.testing.assert_allclose(io.read_coefs(path), colour, atol=1e-6)
+
+
+def test_a_closed_pipe_and_a_name_of_no_encoding(tmp_path):
+    name = os.fsencode(tmp_path) + b"/\xff.exr"
+    done = subprocess.run(
+        [sys.executable, "-m", "shjax", "convert", name, tmp_path / "a.json", "--to", "json"],
+        capture_output=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.count(b"\n") == 1
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "shjax", "convert", io.shipped_panorama(), tmp_path / "a.json", "--to", "json"],
+        stdout=write, stderr=subprocess.PIPE, check=False,
+    )  # fmt: skip
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, b"")
+    assert io.read_coefs(tmp_path / "a.json").shape == (9, 3)
+
+
+def test_derivatives_where_a_fit_ends(dtype):
+    truth = jnp.ones((4, 4, 3), dtype).at[0, 0].set(0)
+    mask = jnp.ones((4, 4), dtype)
+
+    def total(picture):
+        return sum(jax.tree.leaves(metrics.picture_errors(picture, truth, mask)))
+
+    for picture in (truth, -truth, 0 * truth):
+        assert np.all(np.isfinite(jax.grad(total)(picture)))
+    nine = jnp.ones((9, 3), dtype)
+    found = jax.grad(lambda c: metrics.lighting_error(c, nine).total)(nine)
+    assert np.all(np.isfinite(found))
+
+
+def test_dark_channels_do_not_smooth_the_others(rng, dtype):
+    lighting = rng.normal(size=(9, 3))
+    lighting[0] = [8, 1e-6, 8]
+    found = shjax.dering(jnp.asarray(lighting, dtype))
+    np.testing.assert_array_equal(
+        found.lighting[:, ::2], jnp.asarray(lighting[:, ::2], dtype)
+    )
+    assert found.smallest > -1e-5
+    lighting[0, 1] = 0
+    with pytest.raises(ValueError, match="channel 1 has L_00 = 0"):
+        shjax.dering(jnp.asarray(lighting, dtype))
+    lighting[:, 1] = 0
+    assert shjax.dering(jnp.asarray(lighting, dtype)).strength == 0
+
+
+def test_a_small_light_is_found_at_any_resolution(rng):
+    rows = 64
+    fine = latlong_directions(4 * rows, 8 * rows)
+    solid = latlong_solid_angles(rows, 2 * rows)[:, None]
+    for _ in range(6):
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        disc = fine @ axis > np.cos(np.radians(2.5))
+        share = disc.reshape(rows, 4, 2 * rows, 4).mean(axis=(1, 3))
+        level = 4 * np.pi * 0.4 / 0.6 / np.sum(share * solid)
+        image = np.ones((rows, 2 * rows, 3)) + (level * share)[..., None]
+        found, _ = shjax.split_lights(shjax.make_envmap(image.astype(np.float32)))
+        assert len(found.heights) == 1
+        assert float(jnp.degrees(found.angles[0])) < 4
+    image = np.ones((rows, 2 * rows, 3), np.float32)
+    image[0] = 5000
+    found, _ = shjax.split_lights(shjax.make_envmap(image))
+    assert float(jnp.degrees(found.angles[0])) == pytest.approx(180 / rows, rel=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [5, 20, 90])
+def test_caps_are_the_same_inside_jit_and_vmap(degrees, dtype):
+    cap = lights.cap_light(
+        jnp.asarray([0.0, 0.6, 0.8], dtype), np.radians(degrees), jnp.ones(3, dtype)
+    )
+    up = jnp.asarray([[0.0, 0, 1], [0, 0.6, 0.8]], dtype)
+    shine = lambda some: lights.cap_reflection(some, shjax.brdf.ggx(0.3), up, up)  # noqa: E731
+    plain = shine(cap)
+    np.testing.assert_allclose(jax.jit(shine)(cap), plain, rtol=1e-5)
+    many = jax.tree.map(lambda a: a[None], cap)
+    np.testing.assert_allclose(jax.vmap(shine)(many)[0], plain, rtol=1e-5)
+
+
+def test_what_is_printed_fits_a_screen(dtype):
+    envmap = shjax.make_envmap(np.ones((8, 16, 3), np.float32))
+    light = shjax.prefilter_light(jnp.ones((9, 3), dtype), maps=4)
+    for thing in (envmap, light, lights.cap_light(jnp.eye(3)[0], 0.1, jnp.ones(3))):
+        assert len(repr(thing).splitlines()) <= 3
+        assert type(thing).__name__ in repr(thing)
