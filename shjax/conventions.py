@@ -186,7 +186,7 @@ def _named(argument: str, name: str) -> Convention:
 def _frame(tool: Convention, name: str) -> np.ndarray:
     if tool.axes is None:
         raise ValueError(
-            f"axes (--axes) must be given for {name!r}, whose frame was not measured: rows "
+            f"axes must be given for {name!r} (--axes), whose frame was not measured: rows "
             "are its x, y, z in the library's frame (z up, x the panorama's centre)."
         )
     return np.asarray(tool.axes, np.float64)

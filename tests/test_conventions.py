@@ -130,7 +130,7 @@ def test_any_degree_where_the_scale_is_known(l_max, rng, dtype):
     [
         ({"to": "renderman"}, "to must be one of"),
         ({"from_": "renderman"}, "from_ must be one of"),
-        ({"to": "unity"}, "axes must be given for 'unity'"),
+        ({"to": "unreal"}, "axes must be given for 'unreal'"),
         ({"axes": np.eye(3)}, "axes must belong to one tool"),
         (
             {"to": "three.js", "from_": "unity", "axes": np.eye(3)},
