@@ -11,6 +11,7 @@ import threading
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
+import click
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +21,7 @@ import pytest
 
 import shjax
 from shjax import io, lights, metrics, render
+from shjax.cli import surface
 from shjax.cli.many import expand
 from shjax.io import isolation
 from shjax.io.writing import json_text
@@ -327,3 +329,38 @@ def test_what_is_printed_fits_a_screen(dtype):
     for thing in (envmap, light, lights.cap_light(jnp.eye(3)[0], 0.1, jnp.ones(3))):
         assert len(repr(thing).splitlines()) <= 3
         assert type(thing).__name__ in repr(thing)
+
+
+def test_normals_and_masks_of_other_tools(tmp_path):
+    """OpenCV's frame in a layer, NaN outside the mask, which is a PNG of 0 and 1."""
+    ball = render.sphere(32)
+    world, inside = np.asarray(ball.normals), np.asarray(ball.mask) == 1
+    camera = world @ surface.CAMERA_TO_WORLD
+    opencv = np.where(inside[..., None], camera * [1, -1, -1], np.nan)
+    planes = {
+        f"ViewLayer.Normal.{c}": opencv[..., k].astype(np.float32)
+        for k, c in enumerate("XYZ")
+    }
+    normals, mask = tmp_path / "n.exr", tmp_path / "m.png"
+    OpenEXR.File({}, planes).write(str(normals))
+    io.write_image(mask, np.repeat(inside[..., None], 3, axis=-1).astype(np.uint8))
+    shown = surface.of_normals((32, 32), normals, "opencv", True, mask, None)
+    used = np.asarray(shown.mask) > 0
+    facing = inside & (camera[..., 2] > 0.2)
+    np.testing.assert_array_equal(used, facing)
+    np.testing.assert_allclose(shown.normals[used], world[used], atol=1e-6)
+    with pytest.raises(click.UsageError, match="no normal of .* faces the camera"):
+        surface.of_normals((32, 32), normals, "camera", True, mask, None)
+    io.write_image(mask, np.ones((32, 32, 3)))
+    with pytest.raises(click.UsageError, match="not finite where --mask is white"):
+        surface.of_normals((32, 32), normals, "opencv", True, mask, None)
+
+
+def test_a_sphere_costs_its_own_pixels():
+    window, factor, circle = surface.crop_to_sphere((3000, 4000), (2000.5, 900, 600))
+    assert factor == 3
+    rows, columns = (part.stop - part.start for part in window)
+    assert max(rows, columns) < 1210
+    shown = surface.of_sphere((rows // 3, columns // 3), circle)
+    area = float(np.asarray(shown.gbuffer.mask).sum())
+    assert area == pytest.approx(np.pi * 200**2, rel=1e-3)
