@@ -339,7 +339,6 @@ def _words(result: dict) -> list[str]:
             )
     if result["clipped_share"] > 0:
         lines.append(f"{result['clipped_share']:.1%} of the values are at white")
-    lines.append(f"the picture's values: {result['transfer']}")
     return lines
 
 
@@ -386,7 +385,7 @@ def show(console: Console, result: dict) -> None:
         ]
         table.add_row(str(l), str(m), *cells, f"{np.mean(share):.0%}")
     console.print(table)
-    for line in result["words"]:
+    for line in (*result["words"], f"the picture's values: {result['transfer']}"):
         console.print(line)
     console.print(
         f"{result['message']}\nresidual: {result['residual_rms_over_mean']:.2%} of the "
