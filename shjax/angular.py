@@ -143,11 +143,22 @@ def _integrate(directions, flux, brdf: Brdf, points: dict[str, jax.Array]) -> ja
         step = functools.partial(add_block, tile=tile)
         return jax.lax.scan(step, zero, blocks)[0]
 
+    return in_tiles(one_tile, points, size)
+
+
+def in_tiles(one_tile, points: dict[str, jax.Array], samples: int) -> jax.Array:
+    """Values ``(n, C)`` of points, a tile at a time: the fewer samples, the larger.
+
+    Args:
+        one_tile: From points of a tile to values, ``(T, C)``.
+        points: Unit vectors by name, each ``(n, 3)``.
+        samples: Directions visited at once for each point.
+    """
     n = points["normals"].shape[0]
-    parts = math.ceil(n * size / (_TILE * _BLOCK))  # the fewer samples, the more points
-    at_once = math.ceil(n / parts)
+    at_once = math.ceil(n / math.ceil(n * samples / (_TILE * _BLOCK)))
     tiles = {name: _padded(a, at_once) for name, a in points.items()}
-    return jax.lax.map(one_tile, tiles).reshape(-1, channels)[:n]
+    made = jax.lax.map(one_tile, tiles)
+    return made.reshape(-1, made.shape[-1])[:n]
 
 
 def _padded(vectors: jax.Array, size: int) -> jax.Array:

@@ -1,8 +1,10 @@
 """Settings of the whole suite: strict JAX, run-time shape checks, no silent skips."""
 
 import gc
+import hashlib
 import os
-import tempfile
+import platform
+import shutil
 from pathlib import Path
 
 import jax
@@ -14,19 +16,47 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 jaxtyping.install_import_hook("shjax", "beartype.beartype")
 
 
+_CPUINFO = Path("/proc/cpuinfo")
+_PROCESSOR = (
+    sorted({line for line in _CPUINFO.read_text().splitlines() if "flags" in line})
+    if _CPUINFO.exists()
+    else platform.processor()
+)
+
+
 def pytest_addoption(parser):
     parser.addoption(
         "--float32", action="store_true", help="run with JAX's default single precision"
     )
 
 
+_MOST_COMPILED = 4 * 2**30  # bytes of compiled programs kept between runs
+
+
+def _compiled(config) -> str:
+    """Where compiled programs are kept, in pytest's own cache: ``--cache-clear`` empties.
+
+    Lanes, workers, the commands that tests start and the next run share it. It is of one
+    kind of processor: programs hold its instructions.
+    """
+    kind = hashlib.sha256(f"{platform.machine()}{_PROCESSOR}".encode()).hexdigest()[:12]
+    folder = config.cache.mkdir(f"compiled-{kind}")
+    if not hasattr(config, "workerinput"):
+        held = sum(file.stat().st_size for file in folder.iterdir())
+        if held > _MOST_COMPILED:
+            shutil.rmtree(folder)
+            folder.mkdir()
+    return str(folder)
+
+
 def pytest_configure(config):
-    # The processes that tests start share what they compile; this one keeps to itself.
-    compiled = tempfile.TemporaryDirectory(prefix="shjax-compiled-")
-    config.add_cleanup(compiled.cleanup)
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = compiled.name
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
-    jax.config.update("jax_compilation_cache_dir", None)
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled(config)
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
+    jax.config.update(
+        "jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"]
+    )
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
     jax.config.update("jax_enable_x64", not config.getoption("--float32"))
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")

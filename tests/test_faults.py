@@ -26,6 +26,7 @@ from shjax.cli.many import expand
 from shjax.io import isolation
 from shjax.io.writing import json_text
 from shjax.sphere import latlong_directions, latlong_solid_angles
+from tests.helpers import relative_error, unit_vectors
 
 pytestmark = pytest.mark.usefixtures("as_a_user")
 
@@ -321,6 +322,35 @@ def test_caps_are_the_same_inside_jit_and_vmap(degrees, dtype):
     np.testing.assert_allclose(jax.jit(shine)(cap), plain, rtol=1e-5)
     many = jax.tree.map(lambda a: a[None], cap)
     np.testing.assert_allclose(jax.vmap(shine)(many)[0], plain, rtol=1e-5)
+
+
+@pytest.mark.x64
+def test_caps_over_smooth_surfaces(rng):
+    """Against even directions, dense enough; a white furnace of two hemispheres."""
+    normals = unit_vectors(rng, 12)
+    views = normals + 0.7 * unit_vectors(rng, 12)
+    views /= np.linalg.norm(views, axis=1, keepdims=True)
+    facing = np.sum(normals * views, axis=1)
+    towards = 2 * facing[:, None] * normals - views
+    axis = towards[0] + 0.02 * unit_vectors(rng, 1)[0]
+    axis /= np.linalg.norm(axis)
+    model = shjax.brdf.ggx(0.05, 1.0)
+    for angle, rings in ((3, 12), (90, 240)):
+        cap = lights.cap_light(jnp.asarray(axis), np.radians(angle), jnp.ones(1))
+        found = lights.cap_reflection(cap, model, normals, views)[:, 0]
+        nodes, shares = lights.cap_nodes(cap, jnp.float64, rings, 2 * rings)
+        exact = shjax.reference_reflection_samples(
+            jnp.ones((nodes.shape[1], 1)), nodes[0], shares * cap.flux[0, 0], model,
+            jnp.asarray(normals), jnp.asarray(views),
+        )[:, 0]  # fmt: skip
+        assert relative_error(found, exact) < 3e-3
+    sky = lights.hemisphere_light(jnp.asarray([0.3, 0, 1]), jnp.ones(1), jnp.ones(1))
+    white = lights.cap_reflection(sky, model, normals, views)[:, 0]
+    every = lights.cap_light(jnp.asarray(axis), np.pi, jnp.ones(1))
+    np.testing.assert_allclose(
+        white, lights.cap_reflection(every, model, normals, views)[:, 0], rtol=5e-3
+    )
+    assert np.all((white > 0.9) & (white < 1.001))
 
 
 def test_what_is_printed_fits_a_screen(dtype):

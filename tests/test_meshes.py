@@ -1,5 +1,7 @@
 """Meshes by ray casting; pictures of spheres and meshes beside another renderer's."""
 
+import json
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -271,3 +273,112 @@ def test_textures_of_a_mesh(textured_file):
 def test_a_mesh_without_material_is_refused(ball_file):
     with pytest.raises(ValueError, match="material must be in the file"):
         render.mesh(ball_file, render.Camera(), 8, material=True)
+
+
+def _two_faces(colours, **material):
+    """Two faces of a cube in glTF, their normals their own, with vertex colours."""
+    box = trimesh.creation.box().triangles[[0, 4]].reshape(-1, 3)
+    normals = np.cross(box[1::3] - box[::3], box[2::3] - box[::3])
+    normals = np.repeat(normals / np.linalg.norm(normals, axis=1, keepdims=True), 3, 0)
+    mesh = trimesh.Trimesh(
+        box, [[0, 1, 2], [3, 4, 5]], vertex_normals=normals, process=False
+    )
+    mesh.visual = trimesh.visual.TextureVisuals(
+        uv=np.zeros((6, 2)),
+        material=trimesh.visual.material.PBRMaterial(name="m", **material),
+    )
+    scene = trimesh.Scene(mesh)
+    files = trimesh.exchange.gltf.export_gltf(scene, include_normals=True)
+    return files, colours, normals
+
+
+def _written(folder, files, colours, change):
+    """The glTF with COLOR_0 as the file's own floats, and its JSON changed."""
+    document = json.loads(files.pop("model.gltf"))
+    document["buffers"].append(
+        {"uri": "colours.bin", "byteLength": colours.astype("<f4").nbytes}
+    )
+    files["colours.bin"] = colours.astype("<f4").tobytes()
+    document["bufferViews"].append(
+        {"buffer": len(document["buffers"]) - 1, "byteLength": colours.size * 4}
+    )
+    document["accessors"].append(
+        {"bufferView": len(document["bufferViews"]) - 1, "componentType": 5126,
+         "count": len(colours), "type": "VEC3"}
+    )  # fmt: skip
+    one = document["meshes"][0]["primitives"][0]
+    one["attributes"]["COLOR_0"] = len(document["accessors"]) - 1
+    change(document, one)
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    path = folder / "model.gltf"
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.mark.parametrize("material", [True, False])
+def test_colours_and_normals_of_a_gltf_are_its_own(tmp_path, material):
+    """COLOR_0 times a dark factor, in the file's own bits; a hard edge stays one."""
+    colours = np.tile([0.001, 0.5, 0.25], (6, 1))
+
+    def change(document, primitive):
+        if material:
+            own = document["materials"][0]["pbrMetallicRoughness"]
+            own["baseColorFactor"] = [0.5, 0.0003, 1.0, 1.0]
+            document["materials"][0]["emissiveFactor"] = [1, 0, 0]
+        else:
+            del primitive["material"]
+
+    files, colours, normals = _two_faces(colours, baseColorFactor=[128, 0, 255, 255])
+    path = _written(tmp_path, files, colours, change)
+    mesh = load_mesh(path)
+    got = np.asarray(mesh.vertex_normals)[np.asarray(mesh.faces)].reshape(-1, 3)
+    np.testing.assert_allclose(got, normals, atol=1e-6)
+    where, triangle = np.asarray(mesh.triangles).mean(axis=1), 0
+    camera = render.Camera(
+        origin=where[triangle] + 3 * normals[0], target=where[triangle],
+        up=(0.3, 0.5, 0.8), width=0.05,
+    )  # fmt: skip
+    expected = [0.0005, 0.00015, 0.25] if material else colours[0]
+    if material:
+        with pytest.warns(UserWarning, match="not drawn .* emissiveFactor"):
+            seen = render.mesh(path, camera, 3, material=True)
+    else:
+        seen = render.mesh(path, camera, 3, material=True)
+    np.testing.assert_allclose(seen.albedo[1, 1], expected, rtol=1e-5)
+
+
+def test_colours_of_a_ply_are_a_pictures(tmp_path):
+    ball = trimesh.creation.icosphere()
+    ball.visual.vertex_colors = np.tile([188, 0, 255, 255], (len(ball.vertices), 1))
+    ball.export(tmp_path / "ball.ply")
+    seen = render.mesh(
+        tmp_path / "ball.ply", render.Camera((3.0, 0, 0)), 3, material=True
+    )
+    np.testing.assert_allclose(seen.albedo[1, 1], [0.503, 0, 1], atol=1e-3)
+    np.testing.assert_allclose(seen.metallic[1, 1], 0)
+
+
+def test_parts_keep_their_own_materials(tmp_path):
+    """Two instances of two materials, one mirrored: colours stay on their side."""
+    scene = trimesh.Scene()
+    for k, colour in enumerate(([255, 0, 0, 255], [0, 0, 255, 255])):
+        ball = trimesh.creation.icosphere(radius=0.5)
+        ball.visual = trimesh.visual.TextureVisuals(
+            uv=np.zeros((len(ball.vertices), 2)),
+            material=trimesh.visual.material.PBRMaterial(baseColorFactor=colour),
+        )
+        place = np.diag([1.0, -1.0, 1.0, 1.0]) if k else np.eye(4)
+        place[1, 3] = 1.0 - 2 * k
+        scene.add_geometry(ball, transform=place)
+    scene.export(tmp_path / "two.glb")
+    seen = render.mesh(
+        tmp_path / "two.glb", render.Camera((4.0, 0, 0), width=3.0), 12, material=True
+    )
+    inside = np.asarray(seen.mask) == 1
+    # Seen from +x with z up, +y is on the right.
+    for side, colour in ((slice(7, 12), [1, 0, 0]), (slice(0, 5), [0, 0, 1])):
+        part = np.asarray(seen.albedo)[:, side][inside[:, side]]
+        np.testing.assert_allclose(part, np.tile(colour, (len(part), 1)), atol=1e-6)
+    facing = np.sum(np.asarray(seen.normals) * np.asarray(seen.views), -1)
+    assert np.all(facing[inside] > 0)

@@ -49,17 +49,29 @@ def test_the_two_algorithms_agree(l_max, n_theta, n_phi, quadrature, rng, dtype)
     grid = make_grid(n_theta, n_phi, quadrature)
     image = jnp.asarray(rng.normal(size=(n_theta, n_phi, 2)), dtype)
     limit = 100 * (1 + l_max) * np.finfo(dtype).eps
-    products = theta_first.analyze(image, grid, l_max)
+    products = theta_first.analyze(
+        image,
+        theta_first.analysis_tables(grid, l_max, image.dtype),
+        grid=grid,
+        l_max=l_max,
+    )
     scanned = phi_first.analyze(image, grid, l_max)
     assert relative_error(scanned, products) < limit
     coefs = jnp.asarray(rng.normal(size=((l_max + 1) ** 2, 2)), dtype)
-    products = theta_first.synthesize(coefs, grid, l_max)
+    products = theta_first.synthesize(
+        coefs,
+        theta_first.synthesis_tables(grid, l_max, coefs.dtype),
+        grid=grid,
+        l_max=l_max,
+    )
     assert relative_error(phi_first.synthesize(coefs, grid, l_max), products) < limit
 
 
 def test_orders_above_the_columns_alias_alike(rng, dtype):
     grid, coefs = make_grid(4, 5), jnp.asarray(rng.normal(size=(64, 2)), dtype)
-    products = theta_first.synthesize(coefs, grid, 7)
+    products = theta_first.synthesize(
+        coefs, theta_first.synthesis_tables(grid, 7, coefs.dtype), grid=grid, l_max=7
+    )
     scanned = phi_first.synthesize(coefs, grid, 7)
     assert relative_error(scanned, products) < 500 * np.finfo(dtype).eps
 

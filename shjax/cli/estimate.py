@@ -15,6 +15,7 @@ import shjax
 from shjax import io
 from shjax.cli import surface
 from shjax.cli.light import BASIS
+from shjax.cli.many import alone
 from shjax.cli.options import BrdfText, FiniteRange
 from shjax.cli.pictures import FRAME, as_rgb, compare, header
 from shjax.display import tone_map
@@ -162,7 +163,8 @@ def estimate(image: Path, out: Path, as_json: bool, quiet: bool, **options) -> i
     check_folder(out)
     click.get_current_context().with_resource(protecting(image))
     _check(options)
-    result = run(image, out, **options)
+    with alone(out, image.stem):
+        result = run(image, out, **options)
     if as_json and not quiet:
         print(json_text(result))
     elif not quiet:

@@ -15,7 +15,15 @@ from rich.console import Console
 import shjax
 from shjax import io, render
 from shjax.cli.light_report import print_line, print_result, write_results, write_split
-from shjax.cli.many import expand, output_names, stamp, stored
+from shjax.cli.many import (
+    BusyError,
+    alone,
+    expand,
+    output_names,
+    since,
+    stamp,
+    stored,
+)
 from shjax.cli.options import (
     invalid_option,
     layout_option,
@@ -84,7 +92,7 @@ def light(
     ENV is an environment map of any layout (EXR, Radiance .hdr, PFM, .npy, TIFF, PNG,
     JPEG), a folder of them, or a folder of the six faces of a cube; left out, a panorama
     that comes with shjax is used. Of many, one that cannot be read does not stop the
-    rest, and what an earlier run has done is kept.
+    rest, and what an earlier run has done is kept. Two runs on one folder share the work.
 
     \b
     For each ENV, DIR receives
@@ -112,7 +120,7 @@ def light(
         "window": window, "split": split,
     }  # fmt: skip
     stdout = Console(quiet=quiet or as_json, soft_wrap=True)
-    count = {"done": 0, "kept": 0, "refused": 0}
+    count = {"done": 0, "kept": 0, "refused": 0, "left to another run": 0}
     with protecting(*paths), progress_display(quiet) as progress:
         task = progress.add_task("", total=STEPS * len(paths))
         for number, (path, name) in enumerate(zip(paths, names, strict=True)):
@@ -121,10 +129,15 @@ def light(
                 progress.update(task, description=f"{file}: {what}", advance=1)
 
             try:
-                kept = None if force else already(path, out, name, options, rotate)
-                result = kept or run(
-                    path, out, name=name, rotation=rotate, step=step, **options
-                )
+                with alone(out, name):
+                    kept = None if force else already(path, out, name, options, rotate)
+                    result = kept or run(
+                        path, out, name=name, rotation=rotate, step=step, **options
+                    )
+            except BusyError:
+                if len(paths) == 1:
+                    raise
+                count["left to another run"] += 1
             except (ValueError, OSError) as error:
                 if len(paths) == 1:
                     raise
@@ -132,12 +145,15 @@ def light(
                 print("shjax: " + " ".join(str(error).split()), file=sys.stderr)
             else:
                 count["kept" if kept else "done"] += 1
+                when = since(kept["files"].values()) if kept else ""
                 if as_json and not quiet:
                     print(json_text(result), flush=True)
                 elif len(paths) == 1:
                     print_result(stdout, result)
+                    if kept:
+                        stdout.print(f"kept, from {when}; --force does it again")
                 else:
-                    print_line(stdout, result, kept=kept is not None)
+                    print_line(stdout, result, kept=when)
             progress.update(task, completed=STEPS * (number + 1))
     if len(paths) > 1:
         words = ", ".join(f"{n} {word}" for word, n in count.items() if n)

@@ -91,12 +91,12 @@ def write_split(
     return found, files
 
 
-def print_line(console: Console, result: dict, *, kept: bool) -> None:
-    """One of many files in one line."""
+def print_line(console: Console, result: dict, *, kept: str) -> None:
+    """One of many files in one line, and from when it is if it was kept."""
     error = result["irradiance_error"]
     console.print(
         f"{Report(**result['report'])}; irradiance error mean {error['mean']:.2%}, max "
-        f"{error['max']:.2%}" + (" (kept)" if kept else ""),
+        f"{error['max']:.2%}" + (f" (kept, from {kept})" if kept else ""),
         markup=False, highlight=False,
     )  # fmt: skip
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import datetime
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
+import filelock
 
 from shjax.io.reading import SUFFIXES, cube_faces, naming
 
@@ -112,6 +116,47 @@ def stamp(path: Path) -> list:
     with naming(path):
         found = os.stat(path)
     return [found.st_size, found.st_mtime_ns]
+
+
+@contextlib.contextmanager
+def alone(out: Path, name: str):
+    """While the results of one name are made: no other run writes them.
+
+    Args:
+        out: Folder of the results.
+        name: Start of their names.
+
+    Raises:
+        BusyError: If another run is at them.
+        OSError: If the folder cannot be written.
+    """
+    path = out / f".{name}.lock"
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    try:
+        lock = filelock.FileLock(path, timeout=0).acquire()
+    except filelock.Timeout:
+        raise BusyError(
+            f"another run is writing the results named {name} in {out}; wait for it, or "
+            "choose another --out."
+        ) from None
+    with lock:
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # nothing was written: nothing stays
+                for folder in made:
+                    folder.rmdir()
+
+
+class BusyError(ValueError):
+    """Another run writes the same results."""
+
+
+def since(files: Iterable[str | Path]) -> str:
+    """When the oldest of some files was written, to the minute, in local time."""
+    oldest = min(Path(name).stat().st_mtime for name in files)
+    return f"{datetime.datetime.fromtimestamp(oldest):%Y-%m-%d %H:%M}"
 
 
 def stored(record: Path, job: dict) -> dict | None:

@@ -13,6 +13,7 @@ from rich.console import Console
 from shjax import brdf as brdfs
 from shjax import io, render
 from shjax.brdf import Brdf
+from shjax.cli.many import alone
 from shjax.cli.material import run_material
 from shjax.cli.options import (
     Material,
@@ -107,7 +108,9 @@ def reflect(
         raise click.UsageError("--material mesh needs a mesh; use shjax render.")
     path = env or io.shipped_panorama()
     check_folder(out)
-    click.get_current_context().with_resource(protecting(path))
+    context = click.get_current_context()
+    context.with_resource(protecting(path))
+    context.with_resource(alone(out, path.stem))
     with progress_display(quiet) as progress:
         task = progress.add_task("", total=STEPS)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from rich.console import Console
 
 from shjax import io, render
 from shjax.brdf import Brdf
-from shjax.cli.many import stamp
+from shjax.cli.many import alone, since, stamp
 from shjax.cli.material import describe
 from shjax.cli.options import (
     FiniteRange,
@@ -36,7 +37,7 @@ from shjax.ibl import PrefilteredLight, prefilter_light
 from shjax.io.writing import check_folder, json_text, protecting
 from shjax.model import Model, choose_model
 from shjax.render import Camera, GBuffer
-from shjax.render.meshes import load_mesh, trace_mesh
+from shjax.render.meshes import load_mesh, not_drawn, trace_mesh
 
 SCHEMA = "shjax.render/1"
 TURNS = {"z": np.eye(3), "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])}
@@ -131,7 +132,9 @@ def render_command(
     check_one_reflectance(material)
     path = env or io.shipped_panorama()
     check_folder(out)
-    click.get_current_context().with_resource(protecting(path, mesh))
+    context = click.get_current_context()
+    context.with_resource(protecting(path, mesh))
+    context.with_resource(alone(out, mesh.stem))
     if any(part.model.centre == "tangent" for part in brdf.parts):
         raise click.UsageError("a mesh has no tangents for a BRDF of fibres.")
     geometry = _placed(load_mesh(mesh), up)
@@ -154,17 +157,22 @@ def render_command(
     record = out / f"{mesh.stem}_render.json"
     again = _same(record, settings)
     io.write_text(record, json_text(settings, indent=1) + "\n")
-    files, white = [], None
+    files, kept, white = [], [], None
+    ignored = not_drawn(geometry) if textured else ()
     with progress_display(quiet) as progress:
         task = progress.add_task(f"{mesh.name}: drawing", total=turntable)
         for frame in range(turntable):
             stem = mesh.stem if turntable == 1 else f"{mesh.stem}_{frame:04d}"
             names = [str(out / f"{stem}{suffix}") for suffix in (".exr", ".png")]
             files += names
-            if not (again and all(Path(name).exists() for name in names)):
+            if again and all(Path(name).exists() for name in names):
+                kept += names
+            else:
                 angle = azimuth + 360 * frame / turntable
                 camera = _camera(angle, elevation, fov)
-                trace = trace_mesh(geometry, camera, size, material=textured)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", UserWarning)  # said once, below
+                    trace = trace_mesh(geometry, camera, size, material=textured)
                 picture = draw(trace.gbuffer, shading, camera, panorama, background)
                 white = white or _white(panorama, picture, background)
                 notes = header(path.name, units="radiance", model=about["why"])
@@ -177,6 +185,15 @@ def render_command(
         console = Console()
         console.print(str(envmap.report), style="bold", markup=False)
         console.print(f"[bold]model[/]  {about['why']}", highlight=False)
+        if ignored:
+            text = f"not drawn of the mesh's material: {', '.join(ignored)}"
+            console.print(text, highlight=False, markup=False)
+        if kept:
+            console.print(
+                f"{len(kept) // 2} of {turntable} kept of a run with these settings, "
+                f"from {since(kept)}",
+                highlight=False,
+            )
         console.print("written:", highlight=False)
         for name in [*files[:4], *(["..."] if len(files) > 4 else []), str(record)]:
             console.print(f"  {name}", highlight=False, markup=False)
@@ -274,13 +291,13 @@ def _camera(azimuth: float, elevation: float, fov: float) -> Camera:
 
 
 def _placed(geometry, up: str):
-    """Centred on its box, radius 1, z up."""
-    placed = geometry.copy()
-    vertices = np.asarray(placed.vertices) @ TURNS[up].T
-    vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    radius = float(np.linalg.norm(vertices, axis=1).max())
-    placed.vertices = vertices / (radius or 1.0)
-    return placed
+    """Centred on its box, radius 1, z up; the file's own normals are turned with it."""
+    vertices = np.asarray(geometry.vertices) @ TURNS[up].T
+    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    scale = 1 / (float(np.linalg.norm(vertices - centre, axis=1).max()) or 1.0)
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = scale * TURNS[up], -scale * centre
+    return geometry.apply_transform(place)
 
 
 def _as_latlong(envmap) -> np.ndarray:

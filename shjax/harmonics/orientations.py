@@ -24,7 +24,7 @@ import numpy as np
 
 from shjax.arrays import in_blocks
 from shjax.harmonics import wigner
-from shjax.harmonics.tables import cached
+from shjax.harmonics.tables import cached, on_device
 from shjax.sphere import latlong_phi
 
 _LEAST_TRANSFORM = 64  # orders from which an FFT is faster than a product
@@ -34,7 +34,7 @@ einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
 
 
 @cached
-def _half_series(l_max: int) -> np.ndarray:
+def half_series(l_max: int) -> np.ndarray:
     """Eigenvectors of the frequencies k >= 0: ``(block, l, m, k)``.
 
     Those of -k differ by the sign of odd m, so that the pair counts once.
@@ -57,7 +57,10 @@ def _sign(order: np.ndarray | int) -> np.ndarray:
 
 
 def torus_series(
-    lighting: jax.Array, kernels: jax.Array, orders: tuple[int, ...]
+    lighting: jax.Array,
+    kernels: jax.Array,
+    orders: tuple[int, ...],
+    half: jax.Array | None = None,
 ) -> jax.Array:
     """Fourier coefficients of all maps.
 
@@ -65,6 +68,8 @@ def torus_series(
         lighting: ``(K, C)``, to the kernels' degree.
         kernels: ``(F + 1, J, C)``; the lighting's channels.
         orders: Signed q of each map; cosine for q >= 0, sine for q < 0. Static.
+        half: :func:`half_series` in the kernels' type, where it is an argument of the
+            program; default: a constant.
 
     Returns:
         ``(k, m, t, J, C)``: frequency in a, order in b, (cos, sin) of m b. In a the
@@ -72,23 +77,26 @@ def torus_series(
     """
     size, dtype = kernels.shape[0], kernels.dtype
     q = np.array(orders)
-    half = _half_series(size - 1)
+    if half is None:
+        half = on_device(half_series, size - 1, dtype=dtype)
+    half = jax.lax.optimization_barrier(half)  # else XLA multiplies it as it compiles
     m = np.arange(size)
+    signs = jnp.asarray(_sign(m), dtype)[:, None]
     waves = _by_order(lighting, size)  # [l, m, t, c]
     # For the sines (cos mb, sin mb) go with (L_-m, -L_m).
     turned = (waves, jnp.stack([waves[:, :, 1], -waves[:, :, 0]], axis=2))
     series, places = [], []
     for block in (0, 1):
-        out = jnp.asarray(half[block] * _sign(m)[:, None], dtype)  # [l, m, k]
+        out = half[block] * jnp.broadcast_to(signs, half.shape[1:])  # [l, m, k]
         for order in sorted({abs(k) for k in orders if (k < 0) == bool(block)}):
             maps = np.flatnonzero((np.abs(q) == order) & ((q < 0) == bool(block)))
             known = min(order, size - 1)
             # d_mq(a) = s_m s_q sum_k 2 V_mk V_qk (cos | sin | -sin) k a
-            into = half[block][:, known] * _sign(order) * np.where(m == 0, 1, 2)
-            into = into * (order < size)  # no degree has higher orders
-            both = out * jnp.broadcast_to(
-                jnp.asarray(into, dtype)[:, None, :], out.shape
-            )
+            twice = _sign(order) * np.where(m == 0, 1, 2)
+            twice = twice * (order < size)  # no degree has higher orders
+            into = half[block][:, known]
+            into = into * jnp.broadcast_to(jnp.asarray(twice, dtype), into.shape)
+            both = out * jnp.broadcast_to(into[:, None, :], out.shape)
             some = jnp.take(kernels, maps, axis=1)
             lit = einsum("lmtc,ljc->mltjc", turned[block], some)
             product = einsum("lmk,mltjc->mktjc", both, lit)
@@ -165,6 +173,7 @@ def maps_on_grid(
     orders: tuple[int, ...],
     theta: np.ndarray,
     columns: int,
+    half: jax.Array | None = None,
 ) -> jax.Array:
     """All maps on rings and a lat-long map's columns: ``(n_theta, n_phi, J, C)``.
 
@@ -174,9 +183,10 @@ def maps_on_grid(
         orders: Signed q of each map. Static.
         theta: Polar angles of the rings, known when tracing.
         columns: How many (:func:`shjax.sphere.latlong_phi`).
+        half: As of :func:`torus_series`.
     """
     size, dtype = kernels.shape[0], kernels.dtype
-    series = torus_series(lighting, kernels, orders)
+    series = torus_series(lighting, kernels, orders, half)
     angle = theta[:, None] * np.arange(size)
     rows = over_theta(
         series, orders, *(jnp.asarray(f(angle), dtype) for f in (np.cos, np.sin))

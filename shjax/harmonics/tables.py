@@ -1,7 +1,8 @@
 """Float64 tables behind the transforms: rings, azimuth, degrees.
 
-All are NumPy, computed once, cached and read-only; they are cast to the data's type at
-the point of use.
+All are NumPy, computed once, cached and read-only. Compiled programs take them as
+arguments (:func:`on_device`): as constants, large ones would be in each program anew, and
+XLA would compute with them while it compiles.
 
 Theta first: the functions ``P_lm(cos t)`` with l <= F span only 2F + 1 functions of t.
 Those with even m are polynomials in z = cos t, combinations of ``P_k0``; those with odd m
@@ -15,6 +16,8 @@ from __future__ import annotations
 
 import functools
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from shjax.harmonics.degrees import degrees, orders
@@ -35,6 +38,19 @@ def cached(function):
         return tables
 
     return wrapper
+
+
+@functools.lru_cache(maxsize=32)
+def on_device(table, *args, dtype) -> jax.Array | tuple[jax.Array, ...]:
+    """What a cached function gives, as arrays of a type that programs take.
+
+    Args:
+        table: A function from here, such as :func:`degree_tables`.
+        *args: Its arguments.
+        dtype: Of the arrays.
+    """
+    with jax.ensure_compile_time_eval():  # inside a trace, too, the arrays are known
+        return jax.tree.map(lambda a: jnp.asarray(a, dtype), table(*args))
 
 
 def _two_families(l_max: int, theta: np.ndarray) -> np.ndarray:

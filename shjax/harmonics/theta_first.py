@@ -7,6 +7,7 @@ equator, where every function of theta is even or odd, which halves the largest 
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,26 +22,51 @@ _PHI_BLOCK = 64
 einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
 
 
-def analyze(radiance: jax.Array, grid: Grid, l_max: int) -> jax.Array:
+class Tables(NamedTuple):
+    """What a transform multiplies by, in its data's type."""
+
+    rings: tuple[jax.Array, ...]  # whole, or of the even and the odd functions
+    azimuth: tuple[jax.Array, jax.Array]
+    degrees: tuple[jax.Array, jax.Array]
+
+
+def analysis_tables(grid: Grid, l_max: int, dtype) -> Tables:
+    """Tables of :func:`analyze`."""
+    return Tables(
+        tables.on_device(_folded, tables.ring_weights, grid, l_max, dtype=dtype),
+        tables.on_device(tables.azimuth_weights, grid, l_max, dtype=dtype),
+        tables.on_device(tables.degree_tables, l_max, dtype=dtype),
+    )
+
+
+def synthesis_tables(grid: Grid, l_max: int, dtype) -> Tables:
+    """Tables of :func:`synthesize`."""
+    return Tables(
+        tables.on_device(_folded, tables.ring_values, grid, l_max, dtype=dtype),
+        tables.on_device(tables.azimuth_values, grid.n_phi, l_max, dtype=dtype),
+        tables.on_device(tables.degree_tables, l_max, dtype=dtype),
+    )
+
+
+def analyze(radiance: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.Array:
     """``(n_theta, n_phi, C)`` to ``(K, C)``."""
-    dtype, channels = radiance.dtype, radiance.shape[-1]
-    ring = tables.ring_weights(grid, l_max)
-    rings = _to_rings(ring, radiance.reshape(grid.n_theta, -1), l_max)
+    channels = radiance.shape[-1]
+    rings = _to_rings(by.rings, radiance.reshape(grid.n_theta, -1), l_max)
     rings = rings.reshape(2 * l_max + 1, grid.n_phi, channels)
     by_order = []
     for rows, azimuth, degree in zip(
         jnp.split(rings, [l_max + 1]),  # of P_k0, of P_k1
-        tables.azimuth_weights(grid, l_max),
-        tables.degree_tables(l_max),
+        by.azimuth,
+        by.degrees,
         strict=True,
     ):
-        waves = _to_waves(rows, jnp.asarray(azimuth, dtype))
-        by_order.append(einsum("mlk,mksc->mlsc", jnp.asarray(degree, dtype), waves))
+        waves = _to_waves(rows, azimuth)
+        by_order.append(einsum("mlk,mksc->mlsc", degree, waves))
     flat = jnp.concatenate(by_order).reshape(-1, channels)
     return jnp.take(flat, tables.flat_positions(l_max), axis=0)
 
 
-def synthesize(coefs: jax.Array, grid: Grid, l_max: int) -> jax.Array:
+def synthesize(coefs: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.Array:
     """``(K, C)`` to ``(n_theta, n_phi, C)``."""
     dtype, channels = coefs.dtype, coefs.shape[-1]
     flat = jnp.zeros(((l_max + 1) * (l_max + 1) * 2, channels), dtype)
@@ -49,14 +75,14 @@ def synthesize(coefs: jax.Array, grid: Grid, l_max: int) -> jax.Array:
     rings = []
     for rows, azimuth, degree in zip(
         jnp.split(by_order, [l_max // 2 + 1]),  # of even m, of odd m
-        tables.azimuth_values(grid.n_phi, l_max),
-        tables.degree_tables(l_max),
+        by.azimuth,
+        by.degrees,
         strict=True,
     ):
-        waves = einsum("mlk,mlsc->mksc", jnp.asarray(degree, dtype), rows)
-        rings.append(einsum("mksc,wms->kwc", waves, jnp.asarray(azimuth, dtype)))
+        waves = einsum("mlk,mlsc->mksc", degree, rows)
+        rings.append(einsum("mksc,wms->kwc", waves, azimuth))
     stacked = jnp.concatenate(rings).reshape(2 * l_max + 1, -1)
-    image = _from_rings(tables.ring_values(grid, l_max), stacked, l_max)
+    image = _from_rings(by.rings, stacked, l_max)
     return image.reshape(grid.n_theta, grid.n_phi, channels)
 
 
@@ -66,22 +92,23 @@ def _symmetry(l_max: int) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(parity == 0), np.flatnonzero(parity == 1)
 
 
-def _folds(n_theta: int, l_max: int) -> bool:
-    return l_max > _FOLD_ABOVE and n_theta % 2 == 0
+def _folded(table, grid: Grid, l_max: int) -> tuple[np.ndarray, ...]:
+    """A table over the rings; where folding is quicker, its halves north of the equator."""
+    rings = table(grid, l_max)
+    if l_max <= _FOLD_ABOVE or grid.n_theta % 2:
+        return (rings,)
+    return tuple(rings[which, : grid.n_theta // 2] for which in _symmetry(l_max))
 
 
-def _to_rings(ring: np.ndarray, rows: jax.Array, l_max: int) -> jax.Array:
-    """``ring @ rows``, by halves where that is quicker."""
-    n_theta = rows.shape[0]
-    if not _folds(n_theta, l_max):
-        return einsum("kh,hx->kx", jnp.asarray(ring, rows.dtype), rows)
-    half = n_theta // 2
+def _to_rings(rings: tuple[jax.Array, ...], rows: jax.Array, l_max: int) -> jax.Array:
+    """The table times the rows, by halves where it is folded."""
+    if len(rings) == 1:
+        return einsum("kh,hx->kx", rings[0], rows)
+    half = rows.shape[0] // 2
     north, south = rows[:half], rows[half:][::-1]
     parts = [
-        einsum("kh,hx->kx", jnp.asarray(ring[which, :half], rows.dtype), folded)
-        for which, folded in zip(
-            _symmetry(l_max), (north + south, north - south), strict=True
-        )
+        einsum("kh,hx->kx", ring, folded)
+        for ring, folded in zip(rings, (north + south, north - south), strict=True)
     ]
     back = np.argsort(np.concatenate(_symmetry(l_max)))
     return jnp.take(jnp.concatenate(parts), back, axis=0)
@@ -105,18 +132,12 @@ def _to_waves(rows: jax.Array, azimuth: jax.Array) -> jax.Array:
     return jnp.sum(einsum("kawc,awms->amksc", blocks, waves), axis=0)
 
 
-def _from_rings(ring: np.ndarray, rows: jax.Array, l_max: int) -> jax.Array:
-    """``ring.T @ rows``, by halves where that is quicker."""
-    n_theta = ring.shape[1]
-    if not _folds(n_theta, l_max):
-        return einsum("kh,kx->hx", jnp.asarray(ring, rows.dtype), rows)
-    half = n_theta // 2
+def _from_rings(rings: tuple[jax.Array, ...], rows: jax.Array, l_max: int) -> jax.Array:
+    """The transposed table times the rows, by halves where it is folded."""
+    if len(rings) == 1:
+        return einsum("kh,kx->hx", rings[0], rows)
     even, odd = (
-        einsum(
-            "kh,kx->hx",
-            jnp.asarray(ring[which, :half], rows.dtype),
-            jnp.take(rows, which, axis=0),
-        )
-        for which in _symmetry(l_max)
+        einsum("kh,kx->hx", ring, jnp.take(rows, which, axis=0))
+        for ring, which in zip(rings, _symmetry(l_max), strict=True)
     )
     return jnp.concatenate([even + odd, (even - odd)[::-1]])

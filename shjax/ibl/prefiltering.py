@@ -17,7 +17,8 @@ from shjax.arrays import Array, as_float
 from shjax.envmap import EnvironmentMap
 from shjax.harmonics import power_spectrum
 from shjax.harmonics.degrees import degree_of_coefs
-from shjax.harmonics.orientations import maps_on_grid
+from shjax.harmonics.orientations import half_series, maps_on_grid
+from shjax.harmonics.tables import on_device
 from shjax.irradiance import irradiance_coefs
 from shjax.lights import CapLights, cap_coefs, split_lights
 from shjax.sphere import latlong_theta
@@ -174,24 +175,44 @@ def _no_lights(coefs: jax.Array) -> CapLights:
     )
 
 
-@functools.partial(jax.jit, static_argnames=("maps",))
 def _prefiltered(
     whole: jax.Array, rest: jax.Array, lights: CapLights, *, maps: int
 ) -> PrefilteredLight:
     """From coefficients of all the light and of what the small lights leave."""
+    held = degree_of_coefs(rest)
+    halves = tuple(
+        on_device(half_series, min(degree, held), dtype=rest.dtype)
+        for degree in DEGREES
+    )
+    return _on_grids(whole, rest, lights, halves, maps=maps)
+
+
+@functools.partial(jax.jit, static_argnames=("maps",))
+def _on_grids(
+    whole: jax.Array,
+    rest: jax.Array,
+    lights: CapLights,
+    halves: tuple[jax.Array, ...],
+    *,
+    maps: int,
+) -> PrefilteredLight:
     front, kept = whole.shape[:-2], (DEGREES[-1] + 1) ** 2
     if front:
         count = math.prod(front)
         flat = jax.tree.map(
             lambda a: a.reshape(count, *a.shape[len(front) :]), (whole, rest, lights)
         )
-        many = jax.lax.map(lambda one: _one_light(one[0], one[1], one[2], maps), flat)
+        many = jax.lax.map(lambda one: _one_light(*one, halves, maps), flat)
         return jax.tree.map(lambda a: a.reshape(*front, *a.shape[1:]), many)
-    return _one_light(whole[:kept], rest[:kept], lights, maps)
+    return _one_light(whole[:kept], rest[:kept], lights, halves, maps)
 
 
 def _one_light(
-    whole: jax.Array, rest: jax.Array, lights: CapLights, maps: int
+    whole: jax.Array,
+    rest: jax.Array,
+    lights: CapLights,
+    halves: tuple[jax.Array, ...],
+    maps: int,
 ) -> PrefilteredLight:
     whole, rest = (a[: (DEGREES[-1] + 1) ** 2] for a in (whole, rest))
     channels, fit = rest.shape[-1], family(maps)
@@ -207,6 +228,7 @@ def _one_light(
             fit.orders,
             latlong_theta(rows),
             columns,
+            halves[level],
         )
         texels.append(jnp.moveaxis(found, 2, 0).reshape(maps, -1, channels))
     nine = jnp.pad(rest[:9], [(0, max(9 - rest.shape[0], 0)), (0, 0)])

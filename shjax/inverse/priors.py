@@ -35,10 +35,15 @@ FIT_L_MAX = 10  # beyond, the clamped cosine passes less than a thousandth of th
 # So many degrees above the fit move the answer too: that is in its covariance.
 BEYOND = 10
 
-_SCALES = np.geomspace(0.02, 4, 10)  # sd at degree 2 (at 4 beside free ones), over L_00
+_SCALES = np.geomspace(
+    0.02, 16, 13
+)  # sd at degree 2 (at 4 beside free ones), over L_00
 _SLOPES = np.linspace(-1, 5, 8)
 _FREE = 1.0  # non-negative light has rms_m L_lm <= L_00
 _UNBOUNDED = 1e3  # of L_00 itself
+# What the covariance leaves to wide members; see experiments/calibration.py.
+_WIDE = 1.0  # the least scale of a wide member
+_DOUBT, _WIDE_EVIDENCE = 0.3, 0.01
 
 _einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
 
@@ -73,6 +78,14 @@ def family(l_max: int) -> Family:
     return Family(deviations, scales, slopes, free)
 
 
+def wide_members(count: int) -> np.ndarray:
+    """Which members of a family of so many are wide; none of a prior of one's own."""
+    members = family(FIT_L_MAX)
+    if count != members.scales.size:
+        return np.zeros(count, bool)
+    return members.scales >= _WIDE
+
+
 class Posterior(NamedTuple):
     """Mean and covariance under a family of priors.
 
@@ -92,7 +105,11 @@ class Posterior(NamedTuple):
 
 
 def posterior(
-    problem: Compressed, deviations: jax.Array, units: jax.Array, variance: jax.Array
+    problem: Compressed,
+    deviations: jax.Array,
+    units: jax.Array,
+    variance: jax.Array,
+    wide_members: np.ndarray,
 ) -> Posterior:
     """Average the members' answers by their marginal likelihood [M92, section 4].
 
@@ -101,6 +118,7 @@ def posterior(
         deviations: Of the unknowns, relative to ``units``, ``(G, J)``.
         units: One a channel, ``(C,)``.
         variance: Of a pixel of weight 1, ``(C,)``.
+        wide_members: Which members of a family are never quite given up, ``(G,)``.
     """
     dtype = problem.r.dtype
     wide = jnp.result_type(float)  # small, so in the widest type there is
@@ -113,20 +131,39 @@ def posterior(
     evidence, mean, inverse = jax.vmap(
         jax.vmap(_member, in_axes=(0, 0, 0)), in_axes=(None, None, 0)
     )(r, z, sd)
-    weights = jax.nn.softmax(jnp.sum(evidence, axis=1))
+    # Channels of one light are nearly copies of each other: they speak once.
+    spoken = jnp.mean(evidence, axis=1)
+    weights = jax.nn.softmax(spoken)
     answer = _einsum("g,gcj->cj", weights, mean)
-    apart = mean - answer[None]
     within = _einsum("g,gcij->cij", weights, inverse)
-    between = _einsum("g,gci,gcj->cij", weights, apart, apart)
+    doubted = _doubted(weights, spoken, wide_members)
+    apart = mean - answer[None]
+    covariance = _einsum("g,gcij->cij", doubted, inverse)
+    covariance = covariance + _einsum("g,gci,gcj->cij", doubted, apart, apart)
     left = jnp.diagonal(inverse, axis1=2, axis2=3) / sd**2
     share = jnp.clip(_einsum("g,gcj->jc", weights, left), 0, 1)
     return Posterior(
         answer.T.astype(dtype),
-        (within + between).astype(dtype),
+        covariance.astype(dtype),
         within.astype(dtype),
         share.astype(dtype),
         weights.astype(dtype),
     )
+
+
+def _doubted(
+    weights: jax.Array, evidence: jax.Array, wide_members: np.ndarray
+) -> jax.Array:
+    """Weights for the covariance: light that a picture does not show may be bright.
+
+    A few numbers, as many as a box has faces, fit a law of small deviations by chance, and
+    a lamp behind the camera follows no power law. So a share of the weight stays with
+    the wide members, whose evidence counts little; many pixels still rule them out.
+    """
+    if not np.any(wide_members):
+        return weights
+    kept = jnp.where(jnp.asarray(wide_members), _WIDE_EVIDENCE * evidence, -jnp.inf)
+    return (1 - _DOUBT) * weights + _DOUBT * jax.nn.softmax(kept)
 
 
 def chosen(weights: jax.Array, l_max: int) -> dict[str, jax.Array]:

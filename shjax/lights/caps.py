@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +14,32 @@ from jaxtyping import Float
 
 from shjax.angular import reference_reflection_samples
 from shjax.arrays import Array, as_float, check_count, check_vectors
-from shjax.brdf.core import Brdf, frames
+from shjax.brdf.core import Brdf, frames, select
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
+from shjax.lights.quadrature import over_lobes
 from shjax.sphere import normalize
 
-# Half angles, degrees, and the rings that serve caps up to each.
-_WIDTHS = ((5.0, 3), (15.0, 10), (30.0, 20), (90.0, 60), (180.0, 120))
+
+class _Rule(NamedTuple):
+    """Directions over caps up to a half angle, degrees: even, or dense at lobes."""
+
+    angle: float
+    rings: int
+    even: bool = False
+
+
+_RULES = (
+    _Rule(0.3, 4, even=True),
+    _Rule(1.0, 10, even=True),
+    _Rule(5.0, 16),
+    _Rule(90.0, 24),
+    _Rule(180.0, 24),
+)
+_EVEN_RULES = tuple(
+    _Rule(angle, rings, even=True)
+    for angle, rings in ((5.0, 3), (15.0, 10), (30.0, 20), (90.0, 60), (180.0, 120))
+)
 
 
 @functools.partial(
@@ -179,64 +199,78 @@ def cap_reflection(
 ) -> Float[jax.Array, "*points C"]:
     """Radiance reflected from caps: the BRDF itself at directions over each.
 
+    The directions are dense about the reflected direction (for fibres: even over the
+    cap), so that smooth surfaces under wide lights come out as well as rough ones.
+
     Args:
         lights: The caps.
         brdf: The reflectance.
         normals: Unit normals.
         views: Unit vectors to the viewer.
         tangents: Unit tangents, for fibres.
-        rings: Of directions, each with twice as many spokes; default 3 for caps up to 5
-            degrees, and at most 1.5 degrees wide beyond: a choice by value that is the
-            same inside ``jit`` and ``vmap``. Static.
+        rings: Of directions, each with twice as many spokes; default: enough for
+            microfacet lobes of alpha 0.02, by the widest of the caps: a choice by value
+            that is the same inside ``jit`` and ``vmap``. Static.
 
     Raises:
         ValueError: If ``rings`` is not positive or a shape is wrong.
     """
     for name, vectors in (("normals", normals), ("views", views)):
         check_vectors(name, vectors)
+    rules = _RULES if select(brdf, "tangent") is None else _EVEN_RULES
     if rings is not None:
         check_count("rings", rings)
-        return _cap_reflection(lights, brdf, normals, views, tangents, rings=rings)
-    choices = tuple(rings for _, rings in _WIDTHS)
-    if not np.size(lights.heights):
+        even = rules is _EVEN_RULES
+        rules = (_Rule(180.0, rings, even),)
+    if len(rules) == 1 or not np.size(lights.heights):
         place = 0
     elif isinstance(lights.heights, Tracer):
-        return _by_width(lights, brdf, normals, views, tangents)
+        return _by_width(lights, brdf, normals, views, tangents, rules=rules)
     else:
         with jax.ensure_compile_time_eval():  # inside jit, too, concrete caps are known
-            place = int(_width_of(lights))
-    return _cap_reflection(lights, brdf, normals, views, tangents, rings=choices[place])
+            place = int(_width_of(lights, rules))
+    return _cap_reflection(lights, brdf, normals, views, tangents, rule=rules[place])
 
 
-def _width_of(lights: CapLights) -> jax.Array:
-    """Which of the widths holds the widest of the caps."""
+def _width_of(lights: CapLights, rules: tuple[_Rule, ...]) -> jax.Array:
+    """Which of the rules holds the widest of the caps."""
     heights = jnp.asarray(lights.heights)
-    limits = np.array([2 * np.sin(np.radians(w) / 2) ** 2 for w, _ in _WIDTHS[:-1]])
+    limits = np.array([2 * np.sin(np.radians(r.angle) / 2) ** 2 for r in rules[:-1]])
     # A cap of exactly 90 degrees must not fall on either side by its last digit.
     limits = jnp.asarray(limits * (1 + 1e-5), heights.dtype)
     return jnp.sum(jnp.max(heights) > limits)
 
 
-@jax.jit
-def _by_width(lights: CapLights, brdf: Brdf, normals, views, tangents) -> jax.Array:
+@functools.partial(jax.jit, static_argnames=("rules",))
+def _by_width(
+    lights: CapLights, brdf: Brdf, normals, views, tangents, *, rules
+) -> jax.Array:
     """The quadrature that fits caps whose width is not known when tracing."""
-    branches = [functools.partial(_cap_reflection, rings=rings) for _, rings in _WIDTHS]
+    branches = [functools.partial(_cap_reflection, rule=rule) for rule in rules]
     return jax.lax.switch(
-        _width_of(lights), branches, lights, brdf, normals, views, tangents
+        _width_of(lights, rules), branches, lights, brdf, normals, views, tangents
     )
 
 
-@functools.partial(jax.jit, static_argnames=("rings",))
+@functools.partial(jax.jit, static_argnames=("rule",))
 def _cap_reflection(
-    lights: CapLights, brdf: Brdf, normals, views, tangents, *, rings: int
+    lights: CapLights, brdf: Brdf, normals, views, tangents, *, rule: _Rule
 ) -> jax.Array:
-    flux = as_float("flux", lights.flux).astype(jnp.asarray(normals).dtype)
-    towards, shares = cap_nodes(lights, flux.dtype, rings, 2 * rings)
+    dtype = jnp.asarray(normals).dtype
+    flux = as_float("flux", lights.flux).astype(dtype)
+    if not rule.even:
+        towards = as_float("directions", lights.directions).astype(dtype)
+        heights = as_float("heights", lights.heights).astype(dtype)
+        return over_lobes(
+            towards, heights, flux, brdf, normals, views,
+            rings=rule.rings, wide=rule.angle > 90,
+        )  # fmt: skip
+    towards, shares = cap_nodes(lights, dtype, rule.rings, 2 * rule.rings)
     amounts = flux[:, None] * shares[None, :, None]
     return reference_reflection_samples(
         amounts.reshape(-1, flux.shape[-1]),
         towards.reshape(-1, 3),
-        jnp.ones(towards.shape[0] * towards.shape[1], flux.dtype),
+        jnp.ones(towards.shape[0] * towards.shape[1], dtype),
         brdf,
         normals,
         views,

@@ -7,9 +7,11 @@ is differentiated; what is, starts from the G-buffer.
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
+import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,7 +43,10 @@ class Trace:
 
 
 def load_mesh(path: str | os.PathLike) -> Any:
-    """Read OBJ, OFF, PLY, glTF or what else trimesh reads, as one mesh with smooth normals.
+    """Read OBJ, OFF, PLY, glTF or what else trimesh reads, as one mesh.
+
+    Normals are the file's own, hard edges included; smooth ones are made where it gives
+    none. Its material is kept beside it, see :func:`trace_mesh`.
 
     Raises:
         ImportError: If trimesh is not installed.
@@ -50,23 +55,84 @@ def load_mesh(path: str | os.PathLike) -> Any:
     """
     path = Path(path)
     trimesh = _trimesh()
-    with path.open("rb"):
-        pass  # the system's own words for what cannot be opened
+    with path.open("rb") as file:
+        header = _gltf_header(file)
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-        if not isinstance(mesh, trimesh.Trimesh):
-            mesh = mesh.to_mesh()
-        surface = surface_of(mesh)
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        loaded = _scene(trimesh, path, header)
+        parts = []
+        for node in loaded.graph.nodes_geometry:
+            place, name = loaded.graph[node]
+            part = loaded.geometry[name]
+            if isinstance(part, trimesh.Trimesh):
+                parts.append((_placed(trimesh, part, place), part.visual))
+        surface = surface_of([(mesh.faces, visual) for mesh, visual in parts], header)
+        for mesh, _ in parts:
+            if not _own_normals(mesh):
+                mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        mesh = trimesh.util.concatenate([mesh for mesh, _ in parts]) if parts else None
     except Exception as error:  # readers of many formats raise what they like
         raise ValueError(f"{path}: trimesh cannot read it ({error}).") from error
-    vertices = np.asarray(mesh.vertices)
-    if len(mesh.faces) == 0 or not np.all(np.isfinite(vertices)):
+    if mesh is None or not len(mesh.faces) or not np.all(np.isfinite(mesh.vertices)):
         raise ValueError(
             f"{path}: holds no triangles, or vertices that are not finite."
         )
     mesh.metadata[_SURFACE] = surface
     return mesh
+
+
+def not_drawn(mesh: Any) -> tuple[str, ...]:
+    """What the material of a mesh from :func:`load_mesh` says and is not drawn."""
+    surface = mesh.metadata.get(_SURFACE)
+    return () if surface is None else surface.ignored
+
+
+def _scene(trimesh: Any, path: Path, header: dict) -> Any:
+    """The file as trimesh's scene; colours without a material keep all their bits."""
+    if not header:
+        return trimesh.load_scene(path, process=False)
+    gltf, looks = trimesh.exchange.gltf, trimesh.visual
+    with path.open("rb") as file:
+        read = gltf.load_glb if file.read(4) == b"glTF" else gltf.load_gltf
+        file.seek(0)
+        resolver = trimesh.resolvers.FilePathResolver(path)
+        found = read(file, resolver=resolver, process=False)
+    for mesh in found["geometry"].values():
+        if "faces" in mesh and "vertex_colors" in mesh:
+            colours = mesh.pop("vertex_colors")
+            mesh["visual"] = looks.TextureVisuals(material=looks.material.PBRMaterial())
+            mesh["visual"].vertex_attributes["color"] = colours
+    return trimesh.load_scene(found)
+
+
+def _own_normals(mesh: Any) -> bool:
+    """Whether a trimesh mesh holds normals that were given, not computed."""
+    return "vertex_normals" in mesh._cache
+
+
+def _placed(trimesh: Any, mesh: Any, place: np.ndarray) -> Any:
+    """A copy without its looks, at its place in the scene."""
+    normals = mesh.vertex_normals if _own_normals(mesh) else None
+    copy = trimesh.Trimesh(
+        np.array(mesh.vertices), np.array(mesh.faces), vertex_normals=normals,
+        process=False,
+    )  # fmt: skip
+    return copy.apply_transform(place)
+
+
+def _gltf_header(file: BinaryIO) -> dict:
+    """The JSON of a glTF file, binary or not; {} of any other."""
+    start = file.read(20)
+    try:
+        if start[:4] == b"glTF":
+            text = file.read(int.from_bytes(start[12:16], "little"))
+        elif start.lstrip()[:1] == b"{":
+            text = start + file.read()
+        else:
+            return {}
+        found = json.loads(text)
+    except ValueError:
+        return {}  # trimesh says what is wrong with it
+    return found if isinstance(found, dict) else {}
 
 
 def _trimesh() -> Any:
@@ -128,7 +194,9 @@ def trace_mesh(
         samples: Rays along each side of a pixel.
         albedo: Of the whole mesh.
         material: Whether albedo, roughness and metallic come from the file: glTF's
-            textures and factors, or what trimesh makes of others.
+            textures, factors and vertex colours, what trimesh makes of others, or the
+            colours of vertices and faces alone (sRGB in PLY and OBJ, which have no
+            other word for it). What else a material says is named in a warning.
 
     Returns:
         G-buffer (in JAX's default floating-point type), positions and the mesh.
@@ -145,6 +213,11 @@ def trace_mesh(
     surface = geometry.metadata.get(_SURFACE) if material else None
     if material and surface is None:
         raise ValueError(f"material must be in the file; {path} has none.")
+    if surface is not None and surface.ignored:
+        warnings.warn(
+            f"not drawn of the mesh's material: {', '.join(surface.ignored)}.",
+            stacklevel=2,
+        )
     normals, positions = np.zeros((height * width, 3)), np.zeros((height * width, 3))
     own = np.zeros((height * width, 5))
     hits = np.zeros(height * width)
