@@ -12,6 +12,7 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 Array: TypeAlias = jax.Array | np.ndarray
 
@@ -74,6 +75,24 @@ def check_channels(
         front = "..., " if batch else ""
         raise ValueError(f"{name} must have shape ({front}{leading}); got {shape}.")
     check_floating(name, array)
+
+
+def known_values(name: str, array) -> np.ndarray:
+    """An argument's values, for functions that choose by them.
+
+    Args:
+        name: The argument's name, for the message.
+        array: What came.
+
+    Raises:
+        ValueError: If it is being traced: by ``jit``, ``vmap`` or a derivative.
+    """
+    if isinstance(array, Tracer):
+        raise ValueError(
+            f"{name} must be known: what is chosen depends on its values, so call this "
+            "outside jit, vmap and derivatives."
+        )
+    return np.asarray(array)
 
 
 def check_vectors(name: str, array) -> None:

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_channels
+from shjax.arrays import Array, as_float, check_channels, known_values
 from shjax.brdf.core import Brdf
 from shjax.kernels import BrdfExpansion, coefs_and_energy, order_counts
 
@@ -41,7 +41,7 @@ def lighting_order(spectrum: Float[Array, "L C"], *, energy_error: float) -> int
     """
     _check_share(energy_error)
     check_channels("spectrum", spectrum, "L, C", 2, batch=False)
-    held = np.cumsum(np.asarray(spectrum, np.float64).sum(axis=-1))
+    held = np.cumsum(known_values("spectrum", spectrum).astype(np.float64).sum(axis=-1))
     return int(np.argmax(held >= (1 - energy_error) * held[-1]))
 
 
@@ -128,7 +128,8 @@ def residual_heuristic(
     """
     for name, array in (("spectrum", spectrum), ("gains", gains)):
         check_channels(name, array, "L, C", 2, batch=False)
-    power, gain = (np.asarray(a, np.float64).sum(axis=-1) for a in (spectrum, gains))
+    power = known_values("spectrum", spectrum).astype(np.float64).sum(axis=-1)
+    gain = known_values("gains", gains).astype(np.float64).sum(axis=-1)
     if power.shape != gain.shape or power.size <= l_max + 1:
         raise ValueError(
             f"spectrum and gains must have the same length > {l_max + 1}; got "

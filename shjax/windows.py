@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_count
+from shjax.arrays import Array, as_float, check_count, known_values
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs, scale_degrees
 from shjax.harmonics.evaluation import basis
 from shjax.harmonics.spectrum import laplacian
@@ -114,7 +114,7 @@ def dering(lighting: Float[Array, "K C"], *, steps: int = 40) -> Deringed:
     if lighting.ndim != 2:
         raise ValueError(f"lighting must have shape (K, C); got {lighting.shape}.")
     check_count("steps", steps)
-    concrete = np.asarray(lighting)
+    concrete = known_values("lighting", lighting)
     if not np.all(np.isfinite(concrete)):
         raise ValueError("lighting must be finite.")
     mean, lit = concrete[0], np.any(concrete != 0, axis=0)

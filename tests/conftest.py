@@ -49,7 +49,18 @@ def _compiled(config) -> str:
     return str(folder)
 
 
+def _take_one_processor() -> None:
+    """As many workers as processors: each keeps to its own, and no thread waits."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker is None or not hasattr(os, "sched_setaffinity"):
+        return
+    free = sorted(os.sched_getaffinity(0))
+    if int(os.environ["PYTEST_XDIST_WORKER_COUNT"]) >= len(free):
+        os.sched_setaffinity(0, {free[int(worker[2:]) % len(free)]})
+
+
 def pytest_configure(config):
+    _take_one_processor()
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled(config)
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
     jax.config.update(

@@ -3,6 +3,7 @@
 import inspect
 import re
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -103,3 +104,31 @@ def test_any_form_serves_or_is_refused_by_name(function, needed, one):
             assert may_serve, form
         else:
             assert one.name.rstrip("s") in said or said == plain, (form, said)
+
+
+# What stands in for itself when it is traced, and forms that are refused then, too.
+TRACED = ("the same", "whole numbers", "8 bits", "an axis less")
+
+
+@pytest.mark.parametrize(("function", "needed", "one"), list(_arrays()))
+@pytest.mark.parametrize("by", ["jit", "vmap"])
+@pytest.mark.usefixtures("as_a_user")
+def test_traced_arguments_serve_or_are_refused_by_name(function, needed, one, by):
+    """By tracing alone: nothing is compiled."""
+    given = {p.name: _given(p) for p in needed}
+    own = given.pop(one.name)
+    plain = _refusal(function, given | {one.name: own})
+
+    def leaves(array):
+        found = jax.tree.leaves(function(**given, **{one.name: array}))
+        return [leaf for leaf in found if isinstance(leaf, jax.Array)]
+
+    for form in TRACED if by == "jit" else TRACED[:2]:
+        array = own if form == "the same" else FORMS[form][0](own)
+        call = leaves if by == "jit" else jax.vmap(leaves)
+        try:
+            jax.eval_shape(call, array if by == "jit" else np.stack([array] * 2))
+        except ValueError as error:
+            said = str(error)
+            assert one.name.rstrip("s") in said or said == plain, (form, said)
+            assert form != "the same" or "must be known" in said or said == plain, said

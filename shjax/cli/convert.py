@@ -14,6 +14,7 @@ from shjax.cli.options import (
     invalid_option,
     layout_option,
     light_of,
+    primaries_option,
     quadrature_note,
     rotate_option,
     window_option,
@@ -45,6 +46,7 @@ SCHEMA = "shjax.convert/1"
 )  # fmt: skip
 @layout_option
 @invalid_option
+@primaries_option
 @axes_option
 @rotate_option
 @window_option
@@ -61,6 +63,7 @@ def convert(
     l_max: int | None,
     layout: str,
     invalid: str,
+    primaries: str,
     axes: np.ndarray | None,
     rotate: np.ndarray | None,
     window: str,
@@ -97,7 +100,9 @@ def convert(
     if found is None:
         if no_mirror:
             raise click.UsageError("--no-mirror belongs to an sh.txt; SOURCE is a map.")
-        envmap = io.read_envmap(source, layout=layout, invalid=invalid, isolate=True)
+        envmap = io.read_envmap(
+            source, layout=layout, invalid=invalid, primaries=primaries, isolate=True
+        )
         degree = 2 if l_max is None else l_max
         coefs, quadrature = light_of(envmap, degree, rotate)
         notes = [str(envmap.report), quadrature_note(quadrature, degree)]

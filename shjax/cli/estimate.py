@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import click
@@ -17,15 +18,17 @@ from shjax.cli import surface
 from shjax.cli.light import BASIS
 from shjax.cli.many import alone
 from shjax.cli.options import BrdfText, FiniteRange
-from shjax.cli.pictures import FRAME, as_rgb, compare, header
+from shjax.cli.pictures import FRAME, as_rgb, captioned, compare, header
 from shjax.display import tone_map
 from shjax.estimate import Estimate
+from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees, orders
 from shjax.io.colour import decode_srgb, encode_srgb
 from shjax.io.images import MAX_PIXELS, decode, in_memory
 from shjax.io.writing import check_folder, json_text, protecting
 from shjax.render import Camera
 from shjax.render.shading import covered
+from shjax.sphere import latlong_directions
 
 SCHEMA = "shjax.estimate/1"
 PANELS = "drawn from the estimate | the picture | their difference"
@@ -348,7 +351,7 @@ def _write(out: Path, stem: str, result, found, picture, again, shown) -> dict:
     about = header(result["source"], units="radiance")
     panorama = np.asarray(shjax.synthesize(found.value, n_theta=256, n_phi=512))
     seen = np.asarray(shown.gbuffer.mask)[..., None] > 0
-    panels, coloured = compare(again, np.where(seen, picture, 0))
+    panels, coloured = compare(again, np.where(seen, picture, 0), PANELS)
     files = {
         name: str(out / f"{stem}_{name}")
         for name in (
@@ -356,7 +359,7 @@ def _write(out: Path, stem: str, result, found, picture, again, shown) -> dict:
         )
     }  # fmt: skip
     io.write_image(files["light.exr"], panorama, attributes=about)
-    io.write_image(files["light.png"], as_rgb(tone_map(np.maximum(panorama, 0))))
+    io.write_image(files["light.png"], _shown_light(found, panorama))
     io.write_image(
         files["pictures.exr"], panels.astype(np.float32),
         attributes={**about, "panels": PANELS},
@@ -366,6 +369,26 @@ def _write(out: Path, stem: str, result, found, picture, again, shown) -> dict:
         files["light.json"], json_text({**result, "files": files}, indent=1) + "\n"
     )
     return files
+
+
+def _shown_light(found: Estimate, panorama: np.ndarray) -> np.ndarray:
+    """The recovered light and beside it its standard deviation, with one white."""
+    l_max = math.isqrt(found.value.shape[0]) - 1
+    functions = basis(latlong_directions(*panorama.shape[:2]), l_max=l_max)
+    spread = np.einsum(
+        "hwj,cjk,hwk->hwc", functions, found.covariance, functions, optimize=True
+    )
+    deviation = np.sqrt(np.maximum(np.nan_to_num(spread, posinf=0.0), 0))
+    level = np.maximum(panorama, 0)
+    white = float(np.quantile(level.mean(axis=-1), 0.995)) or 1.0
+    dark = float(np.mean(np.any(panorama < 0, axis=-1)))
+    shown = [as_rgb(tone_map(image, white=white)) for image in (level, deviation)]
+    text = f"recovered light; white {white:.2g}"
+    if dark > 0:
+        text += f"; below zero in {dark:.0%}, shown black"
+    return captioned(
+        np.concatenate(shown, axis=1), (text, "its standard deviation, the same white")
+    )
 
 
 def show(console: Console, result: dict) -> None:

@@ -28,6 +28,7 @@ from shjax.cli.options import (
     invalid_option,
     layout_option,
     light_of,
+    primaries_option,
     rotate_option,
     window_option,
 )
@@ -68,6 +69,7 @@ _ROWS = 1024
 )  # fmt: skip
 @layout_option
 @invalid_option
+@primaries_option
 @rotate_option
 @window_option
 @click.option("--force", is_flag=True, help="Do again what was done before.")
@@ -81,6 +83,7 @@ def light(
     split: bool,
     layout: str,
     invalid: str,
+    primaries: str,
     rotate: np.ndarray | None,
     window: str,
     force: bool,
@@ -117,7 +120,7 @@ def light(
     check_folder(out)
     options = {
         "l_max": l_max, "size": size, "layout": layout, "invalid": invalid,
-        "window": window, "split": split,
+        "window": window, "split": split, "primaries": primaries,
     }  # fmt: skip
     stdout = Console(quiet=quiet or as_json, soft_wrap=True)
     count = {"done": 0, "kept": 0, "refused": 0, "left to another run": 0}
@@ -189,6 +192,7 @@ def run(
     size: int = 192,
     layout: str = "auto",
     invalid: str = "error",
+    primaries: str = "rec709",
     rotation: np.ndarray | None = None,
     window: str = "none",
     split: bool = False,
@@ -204,6 +208,7 @@ def run(
         size: Side of each sphere, pixels.
         layout: As in :func:`shjax.io.read_envmap`.
         invalid: As in :func:`shjax.io.read_envmap`.
+        primaries: As there.
         rotation: Turns the light; ``(3, 3)``.
         window: A name in :data:`shjax.windows.NAMES`.
         split: Whether to write the small lights and the rest.
@@ -215,12 +220,14 @@ def run(
     """
     options = {
         "l_max": l_max, "size": size, "layout": layout, "invalid": invalid,
-        "window": window, "split": split,
+        "window": window, "split": split, "primaries": primaries,
     }  # fmt: skip
     job = _job(path, options, rotation)
     name = name or path.stem
     step("reading")
-    envmap = io.read_envmap(path, layout=layout, invalid=invalid, isolate=True)
+    envmap = io.read_envmap(
+        path, layout=layout, invalid=invalid, primaries=primaries, isolate=True
+    )
     if not np.all(np.isfinite(np.asarray(envmap.radiance))):
         raise ValueError(
             f"{path}: values that are not finite cannot be integrated; use "

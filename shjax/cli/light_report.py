@@ -13,7 +13,7 @@ from rich.table import Table
 import shjax
 from shjax import io
 from shjax.cli.options import quadrature_note
-from shjax.cli.pictures import FRAME, as_rgb, compare, header, turned
+from shjax.cli.pictures import FRAME, as_rgb, captioned, compare, header, turned
 from shjax.display import tone_map
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
@@ -38,10 +38,10 @@ def write_results(
     irradiance = np.asarray(
         shjax.synthesize(shjax.irradiance_coefs(lighting), n_theta=64, n_phi=128)
     )
-    panels, shown = compare(*spheres)
+    panels, shown = compare(*spheres, PANELS)
     pictures = {
         "irradiance.exr": (irradiance, header(source, units="irradiance, W m^-2")),
-        "irradiance.png": (as_rgb(tone_map(irradiance)), {}),
+        "irradiance.png": (_shown_irradiance(lighting), {}),
         "spheres.exr": (
             panels,
             header(source, units="radiance", albedo="1", panels=PANELS),
@@ -58,6 +58,17 @@ def write_results(
         files["lighting.json"], json_text({**result, "files": files}, indent=1) + "\n"
     )
     return files
+
+
+def _shown_irradiance(lighting) -> np.ndarray:
+    """The irradiance map large enough to see, its scale below."""
+    coefs = shjax.irradiance_coefs(lighting)
+    image = np.asarray(shjax.synthesize(coefs, n_theta=256, n_phi=512))
+    level = np.maximum(image, 0).mean(axis=-1)
+    return captioned(
+        as_rgb(tone_map(image)),
+        (f"irradiance of the normals: {level.min():.3g} to {level.max():.3g}",),
+    )
 
 
 def write_split(

@@ -55,7 +55,7 @@ def run_material(
         coloured, light, roughness=values["roughness"], metallic=values["metallic"],
         f0=values["f0"],
     )  # fmt: skip
-    pictures, shown = compare(np.asarray(drawn), exact)
+    pictures, shown = compare(np.asarray(drawn), exact, PANELS)
     why = describe(light, predicted)
     if values["roughness"] < _LEAST_ROUGHNESS:
         why += f"; drawn as roughness {_LEAST_ROUGHNESS:g}, where the maps end"

@@ -232,6 +232,15 @@ invalid_option = click.option(
 )
 
 
+primaries_option = click.option(
+    "--primaries",
+    default="rec709",
+    show_default=True,
+    type=click.Choice(("rec709", "keep")),
+    help="Of the results' colours: other primaries (ACEScg, XYZ) are converted, or kept.",
+)
+
+
 def check_one_reflectance(material: Material | None) -> None:
     """Refuse ``--material`` beside a ``--brdf`` that was given.
 

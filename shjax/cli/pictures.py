@@ -7,6 +7,7 @@ import sys
 
 import jax.numpy as jnp
 import numpy as np
+import OpenImageIO as oiio
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -40,14 +41,19 @@ def as_rgb(image: np.ndarray) -> np.ndarray:
 
 
 def compare(
-    approximate: np.ndarray, exact: np.ndarray
+    approximate: np.ndarray, exact: np.ndarray, panels: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two pictures and their difference, as values and as display colours.
 
     One white for both; the difference has its full colour at a tenth of it.
 
+    Args:
+        approximate: ``(H, W, C)``.
+        exact: The same.
+        panels: What the three show, separated by ``|``.
+
     Returns:
-        ``(H, 3 W, C)`` and ``(H, 3 W, 3)``.
+        ``(H, 3 W, C)``, and ``(H', 3 W, 3)`` with captions below.
     """
     difference = approximate - exact
     lit = exact.mean(axis=-1)
@@ -56,7 +62,37 @@ def compare(
     shown = [as_rgb(tone_map(part, white=white)) for part in (approximate, exact)]
     coloured = show_difference(difference, white / 10)
     coloured = np.where(exact.sum(axis=-1, keepdims=True) > 0, coloured, 0)
-    return values, np.concatenate([*shown, coloured], axis=1)
+    first, second, third = (text.strip() for text in panels.split("|"))
+    scale = f"{third}: red +{white / 10:.2g}, blue -{white / 10:.2g}"
+    pictures = np.concatenate([*shown, coloured], axis=1)
+    return values, captioned(pictures, (first, f"{second}; white {white:.2g}", scale))
+
+
+_LETTER = 0.55  # width of a letter over the height of its line, about
+_LEAST_PANEL = 288  # pixels
+
+
+def captioned(image: np.ndarray, captions: tuple[str, ...]) -> np.ndarray:
+    """Display colours with a line of text below each of the panels side by side.
+
+    Letters are as large as the longest caption lets them be; small panels are enlarged.
+
+    Args:
+        image: ``(H, W, 3)``; the panels are of one width.
+        captions: One for each panel.
+    """
+    width = image.shape[1] // len(captions)
+    factor = max(-(-_LEAST_PANEL // width), 1)
+    image, width = image.repeat(factor, 0).repeat(factor, 1), width * factor
+    longest = max(len(caption) for caption in captions)
+    size = min(int(0.94 * width / (_LETTER * longest)), 22)
+    strip = oiio.ImageBuf(oiio.ImageSpec(image.shape[1], 2 * size, 3, oiio.FLOAT))
+    for place, caption in enumerate(captions):
+        left = int((place + 0.03) * width)
+        oiio.ImageBufAlgo.render_text(
+            strip, left, int(1.4 * size), caption, size, "", (1, 1, 1)
+        )
+    return np.concatenate([image, np.clip(strip.get_pixels(), 0, 1)])
 
 
 def turned(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:

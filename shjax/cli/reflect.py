@@ -24,6 +24,7 @@ from shjax.cli.options import (
     maps_option,
     material_option,
     max_bytes_option,
+    primaries_option,
     rms_error_option,
     rotate_option,
 )
@@ -56,6 +57,7 @@ STEPS = 4
 )  # fmt: skip
 @layout_option
 @invalid_option
+@primaries_option
 @rotate_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
@@ -70,6 +72,7 @@ def reflect(
     size: int,
     layout: str,
     invalid: str,
+    primaries: str,
     rotate: np.ndarray | None,
     as_json: bool,
     quiet: bool,
@@ -118,7 +121,9 @@ def reflect(
             progress.update(task, description=f"{path.name}: {what}", advance=1)
 
         step("reading")
-        envmap = io.read_envmap(path, layout=layout, invalid=invalid, isolate=True)
+        envmap = io.read_envmap(
+            path, layout=layout, invalid=invalid, primaries=primaries, isolate=True
+        )
         if rotate is not None:
             envmap = turned(envmap, rotate)
         if material is None:
@@ -161,7 +166,7 @@ def run(
     step("exact sphere")
     ball = render.sphere(size, tangents=model.about_tangent)
     exact = np.asarray(render.reference(ball, panorama, brdf))
-    values, shown = compare(np.asarray(render.shade(ball, model)), exact)
+    values, shown = compare(np.asarray(render.shade(ball, model)), exact, PANELS)
     result = {
         "report": dataclasses.asdict(envmap.report),
         "frame": FRAME,

@@ -12,6 +12,7 @@ from shjax.cli.options import (
     FiniteRange,
     invalid_option,
     layout_option,
+    primaries_option,
     rotate_option,
 )
 from shjax.cli.pictures import as_rgb, header
@@ -42,6 +43,7 @@ _SIX = "faces"
 @layout_option
 @click.option("--layer", help="Part or layer of an EXR; default the first in colour.")
 @invalid_option
+@primaries_option
 @rotate_option
 @click.option("--half", is_flag=True, help="An EXR of 16 bits in place of 32.")
 @click.option(
@@ -66,6 +68,7 @@ def remap(
     layout: str,
     layer: str | None,
     invalid: str,
+    primaries: str,
     rotate: np.ndarray | None,
     half: bool,
     compression: str,
@@ -86,7 +89,12 @@ def remap(
       shjax remap panorama.hdr sky.png --to faces --size 256 --tone aces
     """
     envmap = io.read_envmap(
-        source, layout=layout, layer=layer, invalid=invalid, isolate=True
+        source,
+        layout=layout,
+        layer=layer,
+        invalid=invalid,
+        primaries=primaries,
+        isolate=True,
     )
     name = "vertical_strip" if layout_to == _SIX else layout_to
     side = size or default_side(envmap, name)
@@ -102,6 +110,11 @@ def remap(
             for face, part in zip(FACES, np.split(image, 6), strict=True)
         }
     about = header(envmap.report.source, units="radiance", layout=layout_to)
+    said = [str(envmap.report)]
+    if target.suffix.lower() == ".hdr" and np.any(image < 0):
+        share = -np.sum(np.minimum(image, 0)) / np.sum(np.abs(image))
+        said.append(f"negative values, {share:.2g} of the light, are black in .hdr")
+        pictures = {path: np.maximum(part, 0) for path, part in pictures.items()}
     inputs = sorted(source.iterdir()) if source.is_dir() else [source]
     with protecting(*inputs):
         for path, picture in pictures.items():
@@ -112,10 +125,10 @@ def remap(
     if as_json and not quiet:
         height, width = image.shape[:2]
         result = {"schema": SCHEMA, "source": str(source), "layout": layout_to}
-        result |= {"width": width, "height": height, "report": str(envmap.report)}
+        result |= {"width": width, "height": height, "report": "; ".join(said)}
         print(json_text({**result, "files": [str(path) for path in pictures]}))
     elif not quiet:
-        print(envmap.report)
+        print("\n".join(said))
         for path, picture in pictures.items():
             print(f"{path}: {picture.shape[1]} x {picture.shape[0]}, {layout_to}")
 

@@ -29,6 +29,7 @@ from shjax.cli.options import (
     maps_option,
     material_option,
     max_bytes_option,
+    primaries_option,
     rms_error_option,
 )
 from shjax.cli.pictures import FRAME, as_rgb, header, progress_display
@@ -85,6 +86,7 @@ TURNS = {"z": np.eye(3), "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])}
 )  # fmt: skip
 @layout_option
 @invalid_option
+@primaries_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def render_command(
@@ -105,6 +107,7 @@ def render_command(
     background: bool,
     layout: str,
     invalid: str,
+    primaries: str,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -138,7 +141,9 @@ def render_command(
     if any(part.model.centre == "tangent" for part in brdf.parts):
         raise click.UsageError("a mesh has no tangents for a BRDF of fibres.")
     geometry = _placed(load_mesh(mesh), up)
-    envmap = io.read_envmap(path, layout=layout, invalid=invalid, isolate=True)
+    envmap = io.read_envmap(
+        path, layout=layout, invalid=invalid, primaries=primaries, isolate=True
+    )
     panorama = jnp.asarray(_as_latlong(envmap))
     if material is None:
         model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)

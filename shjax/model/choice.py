@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from shjax.adapted import RANKS
 from shjax.adapted.ranks import within
-from shjax.arrays import Array
+from shjax.arrays import Array, known_values
 from shjax.brdf.core import Brdf
 from shjax.convolution import common_channels, convolve
 from shjax.envmap import EnvironmentMap
@@ -98,7 +98,9 @@ def _check(light: Light, rms_error: float, energies: Energies | None) -> int:
     """Refuse what :func:`choose_model` cannot take; returns the light's degree."""
     if not rms_error > 0:
         raise ValueError(f"rms_error must be positive; got {rms_error}.")
-    if light.coefs.ndim != 2 or not np.all(np.isfinite(np.asarray(light.coefs))):
+    if light.coefs.ndim != 2 or not np.all(
+        np.isfinite(known_values("lighting", light.coefs))
+    ):
         raise ValueError(
             "lighting must be an environment map or finite coefficients (K, C); got "
             f"shape {light.coefs.shape}."

@@ -114,8 +114,11 @@ class Model:
                 "shrm": f"an SHRM, {count} coefficients a pixel",
                 "adapted": f"an adapted map, {count} coefficients a pixel",
             }
-            what = f"{names[self.kind]}, {rows} x {columns}, F = {self.l_max}"
-            what += f", P = {self.p_max}" if self.kind in ("q=0", "shrm") else ""
+            what = f"{names[self.kind]}, {rows} rows by {columns} columns"
+            what += f", light to degree {self.l_max}"
+            what += (
+                f", view to degree {self.p_max}" if self.kind in ("q=0", "shrm") else ""
+            )
             if self.diffuse_l_max is not None:
                 what += f", and {(self.diffuse_l_max + 1) ** 2} for the diffuse part"
         if self.lights is not None:
@@ -125,7 +128,8 @@ class Model:
         rms, asked = self.predicted_rms_error, self.asked_rms_error
         line = (
             f"{what}: {_size(self.bytes)}; predicted error {rms:.2%} rms "
-            f"({rms**2:.2%} energy), asked {asked:.2%} rms ({asked**2:.2%} energy)"
+            f"({rms**2:.2%} energy), asked {asked:.2%} rms ({asked**2:.2%} energy), a mean "
+            "over all orientations and views"
         )
         return line if self.met else f"{line}: NOT MET, the smallest that is reachable"
 
