@@ -60,6 +60,9 @@ def _take_one_processor() -> None:
 
 
 def pytest_configure(config):
+    workers = getattr(config.option, "numprocesses", None) or 0
+    if workers >= (os.cpu_count() or 1):  # for the workers, before they import NumPy
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _take_one_processor()
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled(config)
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
@@ -74,10 +77,30 @@ def pytest_configure(config):
     jax.config.update("jax_debug_nans", True)
 
 
+# Rooms whose tests do not depend on the suite's type, but for those that ask for it:
+# files, commands (which are processes of their own, in single precision in every lane),
+# messages, pages.
+_OF_NO_TYPE = {
+    f"test_{name}"
+    for name in (
+        "architecture", "arguments", "cli", "conventions", "envmap", "experiments",
+        "faults", "io", "many", "meshes", "metrics", "notebooks", "pipeline", "plot",
+        "reading", "speed_vs_error", "wheel",
+    )
+}  # fmt: skip
+
+
+def _runs_in_float32(item) -> bool:
+    if item.get_closest_marker("x64"):
+        return False
+    typed = "dtype" in getattr(item, "fixturenames", ())
+    return typed or item.path.stem not in _OF_NO_TYPE
+
+
 def pytest_collection_modifyitems(config, items):
     if config.getoption("--float32"):
-        kept = [item for item in items if not item.get_closest_marker("x64")]
-        dropped = [item for item in items if item.get_closest_marker("x64")]
+        kept = [item for item in items if _runs_in_float32(item)]
+        dropped = [item for item in items if not _runs_in_float32(item)]
         config.hook.pytest_deselected(items=dropped)
         items[:] = kept
 

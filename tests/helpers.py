@@ -38,23 +38,22 @@ def check_gradients(
     rng = np.random.default_rng(seed)
     step = np.finfo(np.float64).eps ** (1 / 3)
 
-    @jax.jit
-    def push(arguments, tangents):
-        return jax.jvp(function, arguments, tangents)
+    @jax.jit  # one program: compiling is what such a test takes
+    def everything(arguments, tangents, cotangent):
+        value, forward = jax.jvp(function, arguments, tangents)
+        return value, forward, jax.vjp(function, *arguments)[1](cotangent)
 
-    @jax.jit
-    def pull(arguments, cotangent):
-        return jax.vjp(function, *arguments)[1](cotangent)
-
+    shape = jax.eval_shape(function, *arguments).shape
     for _ in range(directions):
         tangents = jax.tree.map(
             lambda a, r=rng: jnp.asarray(r.normal(size=a.shape)), arguments
         )
-        value, forward = push(arguments, tangents)
+        cotangent = jnp.asarray(rng.normal(size=shape))
+        _, forward, reverse = everything(arguments, tangents, cotangent)
 
-        def moved(sign, tangents=tangents):
+        def moved(sign, tangents=tangents, cotangent=cotangent):
             there = jax.tree.map(lambda a, t: a + sign * step * t, arguments, tangents)
-            return function(*there)
+            return everything(there, tangents, cotangent)[0]
 
         central = (moved(1) - moved(-1)) / (2 * step)
         norm = float(jnp.linalg.norm(forward))
@@ -62,8 +61,6 @@ def check_gradients(
         error = float(jnp.linalg.norm(forward - central)) / norm
         assert error < tolerance, f"JVP differs from central differences by {error:.1e}"
 
-        cotangent = jnp.asarray(rng.normal(size=value.shape))
-        reverse = pull(arguments, cotangent)
         left = float(jnp.vdot(cotangent, forward))
         products = jax.tree.map(lambda g, t: float(jnp.vdot(g, t)), reverse, tangents)
         right = sum(jax.tree.leaves(products))

@@ -48,7 +48,10 @@ def _arrays():
             needed = [p for p in parameters if p.default is p.empty]
             for one in needed:
                 if "Float[" in str(one.annotation):
-                    yield pytest.param(function, needed, one, id=f"{name}-{one.name}")
+                    long = [pytest.mark.slow] if name == "estimate_joint" else []
+                    yield pytest.param(
+                        function, needed, one, id=f"{name}-{one.name}", marks=long
+                    )
 
 
 def _refusal(function, given) -> str | None:
