@@ -18,11 +18,14 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
 import pytest
+from click.testing import CliRunner
 
 import shjax
 from shjax import io, lights, metrics, render
-from shjax.cli import surface
-from shjax.cli.many import expand
+from shjax.cli import pictures, surface
+from shjax.cli.light import light
+from shjax.cli.many import alone, expand
+from shjax.cli.remap import remap
 from shjax.io import isolation
 from shjax.io.writing import json_text
 from shjax.sphere import latlong_directions, latlong_solid_angles
@@ -394,3 +397,84 @@ def test_a_sphere_costs_its_own_pixels():
     shown = surface.of_sphere((rows // 3, columns // 3), circle)
     area = float(np.asarray(shown.gbuffer.mask).sum())
     assert area == pytest.approx(np.pi * 200**2, rel=1e-3)
+
+
+def test_large_tables_are_arguments_of_programs(dtype):
+    """Neither in a program anew nor computed with while it is compiled."""
+
+    def constants(jaxpr):
+        held = [np.asarray(c).nbytes for c in jaxpr.consts]
+        for eqn in jaxpr.jaxpr.eqns:
+            inner = eqn.params.get("jaxpr")
+            if hasattr(inner, "consts"):
+                held += constants(inner)
+        return held
+
+    image = jnp.ones((258, 512, 1), dtype)
+    coefs = jnp.ones((129**2, 1), dtype)
+    calls = {
+        "_analyze_by": (lambda a: shjax.analyze(a, l_max=128), image),
+        "_synthesize_by": (
+            lambda a: shjax.synthesize(a, n_theta=258, n_phi=512),
+            coefs,
+        ),
+        "_on_grids": (lambda a: shjax.prefilter_light(a, maps=4), coefs),
+    }
+    for name, (call, argument) in calls.items():
+        outer = jax.make_jaxpr(call)(argument)
+        own = [e for e in outer.jaxpr.eqns if e.params.get("name") == name]
+        assert len(own) == 1, name
+        assert max(constants(own[0].params["jaxpr"]), default=0) < 2**20, name
+
+
+def test_runs_that_meet_in_a_folder(tmp_path, rng):
+    """One name is written by one run: another leaves it, and says so; none is left over."""
+    new = tmp_path / "new"
+    busy = pytest.raises(ValueError, match="another run")
+    with alone(new, "a"), busy, alone(new, "a"):
+        pass
+    assert not (tmp_path / "new").exists()
+    for name in "ab":
+        image = rng.uniform(1, 2, (8, 16, 3)).astype(np.float32)
+        io.write_image(tmp_path / f"{name}.exr", image)
+    out = tmp_path / "out"
+    call = [str(tmp_path), "--out", str(out), "--size", "8"]
+    with alone(out, "a"):
+        run = CliRunner().invoke(light, call)
+    assert run.exit_code == 0, run.output
+    assert "2 files: 1 done, 1 left to another run" in run.output
+    run = CliRunner().invoke(light, call)
+    assert "b.exr" in run.output
+    assert "(kept, from 20" in run.output
+    assert "1 done, 1 kept" in run.output
+    assert not [path for path in out.iterdir() if path.suffix == ".lock"]
+
+
+def test_negative_colours_of_a_conversion(tmp_path):
+    """``--primaries keep`` leaves a file's own; .hdr holds none that are negative."""
+    chromaticities = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+    pixels = np.zeros((8, 16, 3), np.float32)
+    pixels[...] = [0.02, 1, 0.02]  # greener than Rec. 709 can be
+    path = tmp_path / "aces.exr"
+    header = {"chromaticities": chromaticities}
+    OpenEXR.File(header, {"RGB": pixels}).write(str(path))
+    for target, extra in (("a.exr", ["--primaries", "keep"]), ("b.hdr", [])):
+        run = CliRunner().invoke(
+            remap, [str(path), str(tmp_path / target), "--to", "latlong", *extra]
+        )
+        assert run.exit_code == 0, run.output
+    assert "are black in .hdr" in run.output
+    kept = io.read_image(tmp_path / "a.exr", primaries="keep")
+    np.testing.assert_allclose(kept, pixels, rtol=1e-3)
+    assert io.read_image(tmp_path / "b.hdr").min() == 0
+
+
+def test_pictures_say_what_they_show():
+    values, shown = pictures.compare(
+        np.full((16, 16, 3), 0.5), np.full((16, 16, 3), 0.6), "ours | theirs | apart"
+    )
+    assert values.shape == (16, 48, 3)
+    assert shown.shape[1] >= 3 * 288
+    captions = shown[shown.shape[1] // 3 :]
+    for panel in np.split(captions, 3, axis=1):
+        assert 0.005 < np.mean(panel > 0.5) < 0.5

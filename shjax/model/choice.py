@@ -45,6 +45,9 @@ def choose_model(
 ) -> Model:
     """The model that is read the fastest among those whose predicted error is small enough.
 
+    The first call of a kind of BRDF compiles for seconds; so does :func:`brdf_energies`,
+    once for many lights.
+
     Args:
         lighting: An environment map; what :func:`prepare_light` made of one, where one
             light meets several BRDFs; or radiance coefficients (what lies beyond their

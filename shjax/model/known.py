@@ -96,6 +96,8 @@ def brdf_energies(
 ) -> Energies:
     """What :func:`choose_model` needs to know of a BRDF, whatever the light.
 
+    The first call of a kind of BRDF compiles for seconds.
+
     Args:
         brdf: The reflectance; concrete.
         l_max: Degree of the light's coefficients, 100 for a panorama.

@@ -70,7 +70,8 @@ def make_gbuffer(
     Args:
         normals: Normals of any length; zero where nothing is seen.
         mask: Coverage in [0, 1]; default 1 where there is a normal.
-        views: Unit vectors to the camera; default zero (not needed by Lambertian).
+        views: Vectors to the camera, of any length; default zero (not needed by
+            Lambertian).
         albedo: A number, or ``(C,)``, ``(H, W, 1)`` or ``(H, W, C)``.
 
     Raises:
@@ -97,7 +98,7 @@ def make_gbuffer(
     return GBuffer(
         normals,
         as_number_or_float("mask", mask, dtype),
-        as_float("views", views).astype(dtype),
+        normalize(as_float("views", views).astype(dtype)),
         albedo,
     )
 
