@@ -17,7 +17,10 @@ COLOURED = brdf.lafortune(
 
 
 @pytest.mark.x64
-@pytest.mark.parametrize("name", ["microfacet", "coloured", "fibre"])
+@pytest.mark.parametrize(
+    "name",
+    ["microfacet", pytest.param("coloured", marks=pytest.mark.slow), "fibre"],
+)
 def test_energies_are_those_of_the_expansion(name):
     """Of all of it, and of what is held: more maps hold more, uniform light is met."""
     model = {

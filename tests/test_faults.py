@@ -466,7 +466,7 @@ def test_negative_colours_of_a_conversion(tmp_path):
     assert "are black in .hdr" in run.output
     kept = io.read_image(tmp_path / "a.exr", primaries="keep")
     np.testing.assert_allclose(kept, pixels, rtol=1e-3)
-    assert io.read_image(tmp_path / "b.hdr").min() == 0
+    assert 0 <= io.read_image(tmp_path / "b.hdr").min() < 0.005  # of RGBE
 
 
 def test_pictures_say_what_they_show():

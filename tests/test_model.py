@@ -307,6 +307,7 @@ def test_the_split_helps_where_there_is_a_sun():
     assert found.rms < 0.032 + 3 * found.standard_error
 
 
+@pytest.mark.slow
 def test_only_lights_that_count_are_split_off():
     strong, _ = sun_panorama()
     rows = strong.radiance.shape[0]
@@ -332,6 +333,7 @@ def test_only_lights_that_count_are_split_off():
     assert counts == [1, 2]
 
 
+@pytest.mark.slow
 def test_a_sun_stays_where_its_map_is_read_faster():
     """With the sun apart the map would be smaller, and the model slower."""
     envmap, _ = sun_panorama()

@@ -63,6 +63,9 @@ def compare(
     coloured = show_difference(difference, white / 10)
     coloured = np.where(exact.sum(axis=-1, keepdims=True) > 0, coloured, 0)
     first, second, third = (text.strip() for text in panels.split("|"))
+    dark = float(np.mean(np.any(approximate < 0, axis=-1)))
+    if dark > 0.005:
+        first += f"; below zero in {dark:.0%}, shown black"
     scale = f"{third}: red +{white / 10:.2g}, blue -{white / 10:.2g}"
     pictures = np.concatenate([*shown, coloured], axis=1)
     return values, captioned(pictures, (first, f"{second}; white {white:.2g}", scale))

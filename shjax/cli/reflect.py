@@ -142,7 +142,7 @@ def reflect(
     if as_json and not quiet:
         print(json_text(result), flush=True)
     elif not quiet:
-        _print(Console(), result, envmap.report)
+        _print(Console(soft_wrap=True), result, envmap.report)
 
 
 def run(

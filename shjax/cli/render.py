@@ -187,7 +187,7 @@ def render_command(
     if as_json and not quiet:
         print(json_text({**settings, "files": files}), flush=True)
     elif not quiet:
-        console = Console()
+        console = Console(soft_wrap=True)
         console.print(str(envmap.report), style="bold", markup=False)
         console.print(f"[bold]model[/]  {about['why']}", highlight=False)
         if ignored:

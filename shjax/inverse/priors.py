@@ -35,14 +35,13 @@ FIT_L_MAX = 10  # beyond, the clamped cosine passes less than a thousandth of th
 # So many degrees above the fit move the answer too: that is in its covariance.
 BEYOND = 10
 
-_SCALES = np.geomspace(
-    0.02, 16, 13
-)  # sd at degree 2 (at 4 beside free ones), over L_00
+_SCALES = np.geomspace(0.02, 4, 10)  # sd at degree 2 (at 4 beside free ones), over L_00
 _SLOPES = np.linspace(-1, 5, 8)
 _FREE = 1.0  # non-negative light has rms_m L_lm <= L_00
 _UNBOUNDED = 1e3  # of L_00 itself
 # What the covariance leaves to wide members; see experiments/calibration.py.
 _WIDE = 1.0  # the least scale of a wide member
+_BRIGHT = (6.0, 10.0, 16.0)  # scales that count for the covariance alone
 _DOUBT, _WIDE_EVIDENCE = 0.3, 0.01
 
 _einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
@@ -68,9 +67,8 @@ class Family(NamedTuple):
 def family(l_max: int) -> Family:
     """All members to degree ``l_max``."""
     degrees = np.maximum(np.arange(l_max + 1), 1)
-    scales, slopes, free = (
-        a.ravel() for a in np.meshgrid(_SCALES, _SLOPES, [False, True], indexing="ij")
-    )
+    axes = ([*_SCALES, *_BRIGHT], _SLOPES, [False, True])
+    scales, slopes, free = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
     start = np.where(free, 4.0, 2.0)[:, None]
     deviations = scales[:, None] * (degrees / start) ** -slopes[:, None]
     deviations[:, 1:3] = np.where(free[:, None], _FREE, deviations[:, 1:3])
@@ -78,12 +76,24 @@ def family(l_max: int) -> Family:
     return Family(deviations, scales, slopes, free)
 
 
-def wide_members(count: int) -> np.ndarray:
-    """Which members of a family of so many are wide; none of a prior of one's own."""
+class Roles(NamedTuple):
+    """Which members of a family do what, ``(G,)`` each.
+
+    Attributes:
+        answers: Whether the answer is their mean.
+        wide: Whether the covariance never quite gives them up.
+    """
+
+    answers: np.ndarray
+    wide: np.ndarray
+
+
+def roles(count: int) -> Roles:
+    """Of a family of so many members; one's own prior answers, and none of it is wide."""
     members = family(FIT_L_MAX)
     if count != members.scales.size:
-        return np.zeros(count, bool)
-    return members.scales >= _WIDE
+        return Roles(np.ones(count, bool), np.zeros(count, bool))
+    return Roles(members.scales < _BRIGHT[0], members.scales >= _WIDE)
 
 
 class Posterior(NamedTuple):
@@ -109,7 +119,7 @@ def posterior(
     deviations: jax.Array,
     units: jax.Array,
     variance: jax.Array,
-    wide_members: np.ndarray,
+    members: Roles,
 ) -> Posterior:
     """Average the members' answers by their marginal likelihood [M92, section 4].
 
@@ -118,7 +128,7 @@ def posterior(
         deviations: Of the unknowns, relative to ``units``, ``(G, J)``.
         units: One a channel, ``(C,)``.
         variance: Of a pixel of weight 1, ``(C,)``.
-        wide_members: Which members of a family are never quite given up, ``(G,)``.
+        members: Which of them do what.
     """
     dtype = problem.r.dtype
     wide = jnp.result_type(float)  # small, so in the widest type there is
@@ -131,12 +141,10 @@ def posterior(
     evidence, mean, inverse = jax.vmap(
         jax.vmap(_member, in_axes=(0, 0, 0)), in_axes=(None, None, 0)
     )(r, z, sd)
-    # Channels of one light are nearly copies of each other: they speak once.
-    spoken = jnp.mean(evidence, axis=1)
-    weights = jax.nn.softmax(spoken)
+    weights = _weights(jnp.sum(evidence, axis=1), members.answers)
     answer = _einsum("g,gcj->cj", weights, mean)
     within = _einsum("g,gcij->cij", weights, inverse)
-    doubted = _doubted(weights, spoken, wide_members)
+    doubted = _doubted(jnp.mean(evidence, axis=1), members)
     apart = mean - answer[None]
     covariance = _einsum("g,gcij->cij", doubted, inverse)
     covariance = covariance + _einsum("g,gci,gcj->cij", doubted, apart, apart)
@@ -151,19 +159,27 @@ def posterior(
     )
 
 
-def _doubted(
-    weights: jax.Array, evidence: jax.Array, wide_members: np.ndarray
-) -> jax.Array:
+def _weights(evidence: jax.Array, allowed: np.ndarray) -> jax.Array:
+    return jax.nn.softmax(jnp.where(jnp.asarray(allowed), evidence, -jnp.inf))
+
+
+def _doubted(evidence: jax.Array, members: Roles) -> jax.Array:
     """Weights for the covariance: light that a picture does not show may be bright.
 
     A few numbers, as many as a box has faces, fit a law of small deviations by chance, and
     a lamp behind the camera follows no power law. So a share of the weight stays with
     the wide members, whose evidence counts little; many pixels still rule them out.
+
+    Args:
+        evidence: Mean over the channels: those of one light are nearly copies of each
+            other, and speak once.
+        members: Which of them do what.
     """
-    if not np.any(wide_members):
-        return weights
-    kept = jnp.where(jnp.asarray(wide_members), _WIDE_EVIDENCE * evidence, -jnp.inf)
-    return (1 - _DOUBT) * weights + _DOUBT * jax.nn.softmax(kept)
+    if not np.any(members.wide):
+        return _weights(evidence, members.answers)
+    own = _weights(evidence, members.answers)
+    wide = _weights(_WIDE_EVIDENCE * evidence, members.wide)
+    return (1 - _DOUBT) * own + _DOUBT * wide
 
 
 def chosen(weights: jax.Array, l_max: int) -> dict[str, jax.Array]:

@@ -30,9 +30,7 @@ def solve_compressed(
     variance = noise_variance(speaks, sigma)
     if sd is not None:
         unit = _unit(problem, degree)
-        found = priors.posterior(
-            problem, sd, unit, variance, priors.wide_members(sd.shape[0])
-        )
+        found = priors.posterior(problem, sd, unit, variance, priors.roles(sd.shape[0]))
         whole = jnp.all(jnp.isfinite(found.mean))
         return Fit(*found, unit, problem, variance, jnp.asarray(1), whole)
     tolerance = tolerance_of(problem.r)
