@@ -79,7 +79,7 @@ def _picture(coefs: jax.Array, normals: jax.Array) -> jax.Array:
 def _scores(picture: jax.Array, normals: jax.Array, truth: jax.Array) -> jax.Array:
     """Errors of the nine numbers over their deviations, ``(9, 3)``."""
     found = shjax.estimate_lighting(picture, normals)
-    return (found.value - truth) / found.standard_deviation
+    return jnp.asarray((found.value - truth) / jnp.asarray(found.standard_deviation))
 
 
 def table(turns: int, seed: int) -> list[dict]:

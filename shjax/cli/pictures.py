@@ -95,7 +95,9 @@ def captioned(image: np.ndarray, captions: tuple[str, ...]) -> np.ndarray:
         oiio.ImageBufAlgo.render_text(
             strip, left, int(1.4 * size), caption, size, "", (1, 1, 1)
         )
-    return np.concatenate([image, np.clip(strip.get_pixels(), 0, 1)])
+    return np.concatenate(
+        [image, np.clip(np.asarray(strip.get_pixels(oiio.FLOAT)), 0, 1)]
+    )
 
 
 def turned(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:

@@ -79,7 +79,8 @@ def torus_series(
     q = np.array(orders)
     if half is None:
         half = on_device(half_series, size - 1, dtype=dtype)
-    half = jax.lax.optimization_barrier(half)  # else XLA multiplies it as it compiles
+    # Without it XLA multiplies the table as it compiles.
+    half = jnp.asarray(jax.lax.optimization_barrier(half))
     m = np.arange(size)
     signs = jnp.asarray(_sign(m), dtype)[:, None]
     waves = _by_order(lighting, size)  # [l, m, t, c]

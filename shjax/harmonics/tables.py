@@ -15,6 +15,8 @@ matrices have orthonormal rows, and nothing is lost.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -41,13 +43,16 @@ def cached(function):
 
 
 @functools.lru_cache(maxsize=32)
-def on_device(table, *args, dtype) -> jax.Array | tuple[jax.Array, ...]:
+def on_device(table: Callable[..., Any], *args, dtype) -> Any:
     """What a cached function gives, as arrays of a type that programs take.
 
     Args:
         table: A function from here, such as :func:`degree_tables`.
         *args: Its arguments.
         dtype: Of the arrays.
+
+    Returns:
+        An array, or a tuple of them, as the function does.
     """
     with jax.ensure_compile_time_eval():  # inside a trace, too, the arrays are known
         return jax.tree.map(lambda a: jnp.asarray(a, dtype), table(*args))

@@ -202,7 +202,9 @@ def _on_grids(
         flat = jax.tree.map(
             lambda a: a.reshape(count, *a.shape[len(front) :]), (whole, rest, lights)
         )
-        many = jax.lax.map(lambda one: _one_light(*one, halves, maps), flat)
+        many = jax.lax.map(
+            lambda one: _one_light(one[0], one[1], one[2], halves, maps), flat
+        )
         return jax.tree.map(lambda a: a.reshape(*front, *a.shape[1:]), many)
     return _one_light(whole[:kept], rest[:kept], lights, halves, maps)
 

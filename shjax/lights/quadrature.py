@@ -173,10 +173,11 @@ def lobe_nodes(
     width = _GRADED * jnp.sqrt(squared)
     cosine, sine = a / jnp.sqrt(squared), b / jnp.sqrt(squared)
     share = share * stretch / squared
-    low, high = _interval(
-        cosine, sine, *(jnp.broadcast_to(c[:, None], turn.shape) for c in (
-            cos_d, in_plane, out_of_plane)), height, whole,
-    )  # fmt: skip
+    cap = [
+        jnp.broadcast_to(component[:, None], turn.shape)
+        for component in (cos_d, in_plane, out_of_plane)
+    ]
+    low, high = _interval(cosine, sine, cap[0], cap[1], cap[2], height, whole)
     if horizon:
         edge = _angle(
             jnp.broadcast_to(side[:, None], turn.shape),
