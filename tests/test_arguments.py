@@ -3,12 +3,21 @@
 import inspect
 import re
 
+import click
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import shjax
+from shjax.cli.convert import convert
+from shjax.cli.estimate import estimate
+from shjax.cli.light import light
+from shjax.cli.reflect import reflect
+from shjax.cli.remap import remap
+from shjax.cli.render import render_command
+from shjax.cli.score import score
 
 SIZES = {
     "K": 9, "K1": 9, "K2": 9, "C": 3, "D": 3, "L": 3, "P": 2, "N": 4, "V": 2, "H": 8,
@@ -135,3 +144,49 @@ def test_traced_arguments_serve_or_are_refused_by_name(function, needed, one, by
             said = str(error)
             assert one.name.rstrip("s") in said or said == plain, (form, said)
             assert form != "the same" or "must be known" in said or said == plain, said
+
+
+COMMANDS = {
+    "light": light, "reflect": reflect, "render": render_command, "estimate": estimate,
+    "score": score, "convert": convert, "remap": remap,
+}  # fmt: skip
+TEXTS = (
+    "",
+    "nan",
+    "-1",
+    "0",
+    "1e999",
+    "1,2",
+    "1,2,x",
+    "abc",
+    "\u00e4 b=",
+    "a=",
+    "99999999999999999999",
+)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.usefixtures("as_a_user")
+def test_any_text_of_an_option_is_taken_or_refused_by_name(name, tmp_path, monkeypatch):
+    """Before anything is read: the inputs are not there, and are what is left to say."""
+    monkeypatch.chdir(tmp_path)
+    command = COMMANDS[name]
+    gone = [str(tmp_path / f"gone{k}.exr") for k in range(2)]
+    for option in command.params:
+        if not isinstance(option, click.Option) or option.is_flag:
+            continue
+        for text in TEXTS:
+            places = [p for p in command.params if isinstance(p, click.Argument)]
+            call = [*gone[: len(places)], f"{option.opts[-1]}={text}"]
+            if any("--out" in p.opts for p in command.params) and option.name != "out":
+                call += ["--out", str(tmp_path / "out")]
+            run = CliRunner().invoke(command, call)
+            told = f"{call}: {run.exception!r}\n{run.output}"
+            assert run.exit_code != 0, told
+            if isinstance(run.exception, SystemExit):
+                assert run.exit_code == 2, told
+                assert "Error" in run.output, told
+            else:
+                assert isinstance(run.exception, (OSError, ValueError)), told
+                assert not isinstance(run.exception, UnicodeError), told
+    assert not list(tmp_path.iterdir())
