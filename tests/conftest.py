@@ -36,8 +36,8 @@ _MOST_COMPILED = 4 * 2**30  # bytes of compiled programs kept between runs
 def _compiled(config) -> str:
     """Where compiled programs are kept, in pytest's own cache: ``--cache-clear`` empties.
 
-    Lanes, workers, the commands that tests start and the next run share it. It is of one
-    kind of processor: programs hold its instructions.
+    Workers and the next run share it. It is of one kind of processor: programs hold its
+    instructions.
     """
     kind = hashlib.sha256(f"{platform.machine()}{_PROCESSOR}".encode()).hexdigest()[:12]
     folder = config.cache.mkdir(f"compiled-{kind}")
@@ -64,11 +64,12 @@ def pytest_configure(config):
     if workers >= (os.cpu_count() or 1):  # for the workers, before they import NumPy
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _take_one_processor()
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled(config)
+    compiled = _compiled(config)
+    jax.config.update("jax_compilation_cache_dir", compiled)
+    # Commands would tell of a half-written program of another worker: each its own.
+    own = f"{compiled}-commands-{os.environ.get('PYTEST_XDIST_WORKER', 'main')}"
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = own
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
-    jax.config.update(
-        "jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"]
-    )
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
     jax.config.update("jax_enable_x64", not config.getoption("--float32"))

@@ -139,12 +139,15 @@ def alone(out: Path, name: str):
             f"another run is writing the results named {name} in {out}; wait for it, or "
             "choose another --out."
         ) from None
+    except OSError as error:  # of the folder: nobody asked for a lock
+        raise OSError(error.errno, error.strerror, str(out)) from error
     with lock:
         try:
             yield
         finally:
-            path.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # nothing was written: nothing stays
+            # Nothing was written: nothing stays. Windows keeps what is locked.
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
                 for folder in made:
                     folder.rmdir()
 

@@ -12,6 +12,9 @@ The fit ends at some degree, the light does not: how far the next ten degrees, c
 by the same laws, move the answer is added to its covariance. Without that the error bars of
 pictures with less than 1 % of noise were three to ten times too small.
 
+A picture of few normals, or of a lamp behind the camera, tells little of all this: the
+covariance, not the answer, keeps a share of wide members (experiments/calibration.py).
+
 Two families are weighed: one power law from degree 1 on, and one for degrees above 2
 beside free degrees 1 and 2, which fits light that ends there.
 
@@ -89,10 +92,10 @@ class Roles(NamedTuple):
 
 
 def roles(count: int) -> Roles:
-    """Of a family of so many members; one's own prior answers, and none of it is wide."""
+    """Of a family of so many members; one's own prior, alone, answers and is not wide."""
+    if count == 1:
+        return Roles(np.ones(1, bool), np.zeros(1, bool))
     members = family(FIT_L_MAX)
-    if count != members.scales.size:
-        return Roles(np.ones(count, bool), np.zeros(count, bool))
     return Roles(members.scales < _BRIGHT[0], members.scales >= _WIDE)
 
 

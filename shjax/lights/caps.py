@@ -217,6 +217,11 @@ def cap_reflection(
     """
     for name, vectors in (("normals", normals), ("views", views)):
         check_vectors(name, vectors)
+    if views.shape != normals.shape:
+        raise ValueError(
+            f"views must have the shape of normals {normals.shape}; got {views.shape}."
+        )
+    normals, views = as_float("normals", normals), as_float("views", views)
     rules = _RULES if select(brdf, "tangent") is None else _EVEN_RULES
     if rings is not None:
         check_count("rings", rings)
@@ -256,7 +261,7 @@ def _by_width(
 def _cap_reflection(
     lights: CapLights, brdf: Brdf, normals, views, tangents, *, rule: _Rule
 ) -> jax.Array:
-    dtype = jnp.asarray(normals).dtype
+    dtype = normals.dtype
     flux = as_float("flux", lights.flux).astype(dtype)
     if not rule.even:
         towards = as_float("directions", lights.directions).astype(dtype)

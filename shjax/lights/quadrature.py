@@ -63,6 +63,8 @@ def over_lobes(
         lights = lights._replace(heights=jnp.where(big, 2, heights))
         lights = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), lights, rest)
     channels = common_channels(flux.shape[-1], brdf.channels, "brdf")
+    if not normals.size:
+        return jnp.zeros((*normals.shape[:-1], channels), flux.dtype)
     flat = {"normals": normals, "views": views}
     flat = {name: jnp.asarray(a, flux.dtype).reshape(-1, 3) for name, a in flat.items()}
 
