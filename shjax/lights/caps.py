@@ -1,10 +1,9 @@
-"""Caps of the sphere, from a direction to a hemisphere: coefficients and shading."""
+"""Caps of the sphere, from a direction to a hemisphere, and their coefficients."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,34 +11,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.angular import reference_reflection_samples
-from shjax.arrays import Array, as_float, check_count, check_vectors
-from shjax.brdf.core import Brdf, frames, select
+from shjax.arrays import Array, as_float
+from shjax.brdf.core import frames
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
-from shjax.lights.quadrature import over_lobes
 from shjax.sphere import normalize
-
-
-class _Rule(NamedTuple):
-    """Directions over caps up to a half angle, degrees: even, or dense at lobes."""
-
-    angle: float
-    rings: int
-    even: bool = False
-
-
-_RULES = (
-    _Rule(0.3, 4, even=True),
-    _Rule(1.0, 10, even=True),
-    _Rule(5.0, 16),
-    _Rule(90.0, 24),
-    _Rule(180.0, 24),
-)
-_EVEN_RULES = tuple(
-    _Rule(angle, rings, even=True)
-    for angle, rings in ((5.0, 3), (15.0, 10), (30.0, 20), (90.0, 60), (180.0, 120))
-)
 
 
 @functools.partial(
@@ -186,101 +162,6 @@ def cap_coefs(lights: CapLights, *, l_max: int) -> Float[jax.Array, "K C"]:
     gains = cap_gains(heights, l_max=l_max)
     table = jnp.take(gains, degrees(l_max), axis=1) * basis(towards, l_max=l_max)
     return jnp.matmul(table.T, flux, precision=jax.lax.Precision.HIGHEST)
-
-
-def cap_reflection(
-    lights: CapLights,
-    brdf: Brdf,
-    normals: Float[Array, "*points 3"],
-    views: Float[Array, "*points 3"],
-    tangents: Float[Array, "*points 3"] | None = None,
-    *,
-    rings: int | None = None,
-) -> Float[jax.Array, "*points C"]:
-    """Radiance reflected from caps: the BRDF itself at directions over each.
-
-    The directions are dense about the reflected direction (for fibres: even over the
-    cap), so that smooth surfaces under wide lights come out as well as rough ones.
-
-    Args:
-        lights: The caps.
-        brdf: The reflectance.
-        normals: Unit normals.
-        views: Unit vectors to the viewer.
-        tangents: Unit tangents, for fibres.
-        rings: Of directions, each with twice as many spokes; default: enough for
-            microfacet lobes of alpha 0.02, by the widest of the caps: a choice by value
-            that is the same inside ``jit`` and ``vmap``. Static.
-
-    Raises:
-        ValueError: If ``rings`` is not positive or a shape is wrong.
-    """
-    for name, vectors in (("normals", normals), ("views", views)):
-        check_vectors(name, vectors)
-    if views.shape != normals.shape:
-        raise ValueError(
-            f"views must have the shape of normals {normals.shape}; got {views.shape}."
-        )
-    normals, views = as_float("normals", normals), as_float("views", views)
-    rules = _RULES if select(brdf, "tangent") is None else _EVEN_RULES
-    if rings is not None:
-        check_count("rings", rings)
-        even = rules is _EVEN_RULES
-        rules = (_Rule(180.0, rings, even),)
-    if len(rules) == 1 or not np.size(lights.heights):
-        place = 0
-    elif isinstance(lights.heights, Tracer):
-        return _by_width(lights, brdf, normals, views, tangents, rules=rules)
-    else:
-        with jax.ensure_compile_time_eval():  # inside jit, too, concrete caps are known
-            place = int(_width_of(lights, rules))
-    return _cap_reflection(lights, brdf, normals, views, tangents, rule=rules[place])
-
-
-def _width_of(lights: CapLights, rules: tuple[_Rule, ...]) -> jax.Array:
-    """Which of the rules holds the widest of the caps."""
-    heights = jnp.asarray(lights.heights)
-    limits = np.array([2 * np.sin(np.radians(r.angle) / 2) ** 2 for r in rules[:-1]])
-    # A cap of exactly 90 degrees must not fall on either side by its last digit.
-    limits = jnp.asarray(limits * (1 + 1e-5), heights.dtype)
-    return jnp.sum(jnp.max(heights) > limits)
-
-
-@functools.partial(jax.jit, static_argnames=("rules",))
-def _by_width(
-    lights: CapLights, brdf: Brdf, normals, views, tangents, *, rules
-) -> jax.Array:
-    """The quadrature that fits caps whose width is not known when tracing."""
-    branches = [functools.partial(_cap_reflection, rule=rule) for rule in rules]
-    return jax.lax.switch(
-        _width_of(lights, rules), branches, lights, brdf, normals, views, tangents
-    )
-
-
-@functools.partial(jax.jit, static_argnames=("rule",))
-def _cap_reflection(
-    lights: CapLights, brdf: Brdf, normals, views, tangents, *, rule: _Rule
-) -> jax.Array:
-    dtype = normals.dtype
-    flux = as_float("flux", lights.flux).astype(dtype)
-    if not rule.even:
-        towards = as_float("directions", lights.directions).astype(dtype)
-        heights = as_float("heights", lights.heights).astype(dtype)
-        return over_lobes(
-            towards, heights, flux, brdf, normals, views,
-            rings=rule.rings, wide=rule.angle > 90,
-        )  # fmt: skip
-    towards, shares = cap_nodes(lights, dtype, rule.rings, 2 * rule.rings)
-    amounts = flux[:, None] * shares[None, :, None]
-    return reference_reflection_samples(
-        amounts.reshape(-1, flux.shape[-1]),
-        towards.reshape(-1, 3),
-        jnp.ones(towards.shape[0] * towards.shape[1], dtype),
-        brdf,
-        normals,
-        views,
-        tangents=tangents,
-    )
 
 
 def cap_nodes(

@@ -20,6 +20,7 @@ from shjax.harmonics import power_spectrum
 from shjax.harmonics.degrees import degree_of_coefs
 from shjax.kernels import order_counts, radial_coefs
 from shjax.lights import CapLights
+from shjax.lights.shading import directions_per_light
 from shjax.model.cost import (
     lights_time,
     map_bytes,
@@ -77,12 +78,15 @@ def choose_model(
     )
     assert coefs is not None
     without = [coefs, *(() if rest is None else rest)]  # the first 0, 1, ... lights
+    directions = 0
+    if light.lights is not None:
+        directions = directions_per_light(light.lights, brdf)
     degrees = _VIEW_DEGREES if energies is None else (energies.rho.shape[1] - 1,)
     best, known = None, energies
     for p_max in degrees:
         known = energies or brdf_energies(brdf, l_max=l_light, p_max=p_max)
         every = [
-            _cheapest(coefs, brdf, known, rms_error, max_bytes, kept, n)
+            _cheapest(coefs, brdf, known, rms_error, max_bytes, kept, n, directions)
             for n, kept in enumerate(without)
         ]
         best = _best([one for one in every if one is not None], rms_error)
@@ -144,6 +148,7 @@ def _cheapest(
     max_bytes: int,
     coefs: jax.Array,
     lights: int,
+    directions: int,
 ) -> _Candidate | None:
     """The fastest candidate that is good enough, else the best one that fits.
 
@@ -166,7 +171,7 @@ def _cheapest(
     found: list[_Candidate] = []
     for d in degrees:
         own = (d + 1) ** 2 * item
-        start = normal_time(d) + lights_time(brdf, lights)
+        start = normal_time(d) + lights_time(brdf, lights, directions)
         order = d if matte is not None else None
         if rest is None:
             lost = np.sum((weight * known.both[: l_light + 1])[d + 1 :])

@@ -21,6 +21,7 @@ _ANY_ADAPTED = 1.5  # to look the functions of its view up
 _CACHED = 2**24  # bytes; a map as large takes twice as long
 _NORMAL = 0.02  # a coefficient over the normal
 _ANY_LIGHTS, _LIGHT = 1.5, 0.75  # small lights, for each part and channel of the BRDF
+_DIRECTIONS = 18  # over a light, when that was measured
 
 
 def coefficient_counts(kind: str, count: int) -> np.ndarray:
@@ -62,7 +63,8 @@ def normal_time(degree: int) -> float:
     return 1 + _NORMAL * (degree + 1) ** 2 if degree >= 0 else 0.0
 
 
-def lights_time(brdf: Brdf, lights: int) -> float:
-    """Time of shading small lights exactly."""
+def lights_time(brdf: Brdf, lights: int, directions: int) -> float:
+    """Time of shading small lights exactly, by so many directions over each."""
     terms = sum(part.weight.shape[-1] for part in brdf.parts)
-    return terms * (_ANY_LIGHTS + _LIGHT * lights) if lights else 0.0
+    each = _LIGHT * directions / _DIRECTIONS
+    return terms * (_ANY_LIGHTS + each * lights) if lights else 0.0
