@@ -43,36 +43,34 @@ def test_round_trip_of_band_limited_light(
         assert relative_error(back, coefs) < limit
 
 
+def by(algorithm, array, grid, l_max, *, back=False):
+    """One algorithm's analysis, or its synthesis, with its own tables."""
+    of = (
+        (algorithm.synthesis_tables, algorithm.synthesize)
+        if back
+        else (algorithm.analysis_tables, algorithm.analyze)
+    )
+    return of[1](array, of[0](grid, l_max, array.dtype), grid=grid, l_max=l_max)
+
+
 @pytest.mark.parametrize(("l_max", "n_theta", "n_phi"), SIZES)
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 def test_the_two_algorithms_agree(l_max, n_theta, n_phi, quadrature, rng, dtype):
     grid = make_grid(n_theta, n_phi, quadrature)
     image = jnp.asarray(rng.normal(size=(n_theta, n_phi, 2)), dtype)
-    limit = 100 * (1 + l_max) * np.finfo(dtype).eps
-    products = theta_first.analyze(
-        image,
-        theta_first.analysis_tables(grid, l_max, image.dtype),
-        grid=grid,
-        l_max=l_max,
-    )
-    scanned = phi_first.analyze(image, grid, l_max)
-    assert relative_error(scanned, products) < limit
     coefs = jnp.asarray(rng.normal(size=((l_max + 1) ** 2, 2)), dtype)
-    products = theta_first.synthesize(
-        coefs,
-        theta_first.synthesis_tables(grid, l_max, coefs.dtype),
-        grid=grid,
-        l_max=l_max,
-    )
-    assert relative_error(phi_first.synthesize(coefs, grid, l_max), products) < limit
+    limit = 100 * (1 + l_max) * np.finfo(dtype).eps
+    for array, back in ((image, False), (coefs, True)):
+        products = by(theta_first, array, grid, l_max, back=back)
+        scanned = by(phi_first, array, grid, l_max, back=back)
+        assert relative_error(scanned, products) < limit
 
 
 def test_orders_above_the_columns_alias_alike(rng, dtype):
     grid, coefs = make_grid(4, 5), jnp.asarray(rng.normal(size=(64, 2)), dtype)
-    products = theta_first.synthesize(
-        coefs, theta_first.synthesis_tables(grid, 7, coefs.dtype), grid=grid, l_max=7
+    products, scanned = (
+        by(a, coefs, grid, 7, back=True) for a in (theta_first, phi_first)
     )
-    scanned = phi_first.synthesize(coefs, grid, 7)
     assert relative_error(scanned, products) < 500 * np.finfo(dtype).eps
 
 

@@ -56,11 +56,39 @@ def _sign(order: np.ndarray | int) -> np.ndarray:
     return np.where(np.asarray(order) % 4 < 2, 1.0, -1.0)
 
 
+def series_tables(l_max: int, orders: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+    """What :func:`torus_series` multiplies by, for each block and order of its maps.
+
+    ``d_mq(a) = s_m s_q sum_k 2 V_mk V_qk (cos | sin | -sin) k a``: the factors before the
+    waves, ``(m, k, l)``.
+    """
+    half, m = half_series(l_max), np.arange(l_max + 1)
+    tables = []
+    for block, order, _ in _groups(orders):
+        out = half[block] * _sign(m)[:, None]  # [l, m, k]
+        into = half[block][:, min(order, l_max)] * _sign(order) * np.where(m == 0, 1, 2)
+        into = into * (order <= l_max)  # no degree has higher orders
+        if order % 2:
+            out = out * np.where(m % 2 == 0, -1, 1)[:, None]
+        tables.append((out * into[:, None]).transpose(1, 2, 0))
+    return tuple(tables)
+
+
+def _groups(orders: tuple[int, ...]) -> list[tuple[int, int, np.ndarray]]:
+    """Block, |q| and which of the maps, for all that share a table."""
+    q = np.array(orders)
+    return [
+        (block, order, np.flatnonzero((np.abs(q) == order) & ((q < 0) == bool(block))))
+        for block in (0, 1)
+        for order in sorted({abs(k) for k in orders if (k < 0) == bool(block)})
+    ]
+
+
 def torus_series(
     lighting: jax.Array,
     kernels: jax.Array,
     orders: tuple[int, ...],
-    half: jax.Array | None = None,
+    tables: tuple[jax.Array, ...] | None = None,
 ) -> jax.Array:
     """Fourier coefficients of all maps.
 
@@ -68,45 +96,24 @@ def torus_series(
         lighting: ``(K, C)``, to the kernels' degree.
         kernels: ``(F + 1, J, C)``; the lighting's channels.
         orders: Signed q of each map; cosine for q >= 0, sine for q < 0. Static.
-        half: :func:`half_series` in the kernels' type, where it is an argument of the
-            program; default: a constant.
+        tables: :func:`series_tables` in the kernels' type, where they are arguments of
+            the program; default: constants.
 
     Returns:
         ``(k, m, t, J, C)``: frequency in a, order in b, (cos, sin) of m b. In a the
         function is ``cos k a`` where m + q is even, ``sin k a`` where it is odd.
     """
     size, dtype = kernels.shape[0], kernels.dtype
-    q = np.array(orders)
-    if half is None:
-        half = on_device(half_series, size - 1, dtype=dtype)
-    # Without it XLA multiplies the table as it compiles.
-    half = jnp.asarray(jax.lax.optimization_barrier(half))
-    m = np.arange(size)
-    signs = jnp.asarray(_sign(m), dtype)[:, None]
+    known = tables or on_device(series_tables, size - 1, orders, dtype=dtype)
     waves = _by_order(lighting, size)  # [l, m, t, c]
     # For the sines (cos mb, sin mb) go with (L_-m, -L_m).
     turned = (waves, jnp.stack([waves[:, :, 1], -waves[:, :, 0]], axis=2))
     series, places = [], []
-    for block in (0, 1):
-        out = half[block] * jnp.broadcast_to(signs, half.shape[1:])  # [l, m, k]
-        for order in sorted({abs(k) for k in orders if (k < 0) == bool(block)}):
-            maps = np.flatnonzero((np.abs(q) == order) & ((q < 0) == bool(block)))
-            known = min(order, size - 1)
-            # d_mq(a) = s_m s_q sum_k 2 V_mk V_qk (cos | sin | -sin) k a
-            twice = _sign(order) * np.where(m == 0, 1, 2)
-            twice = twice * (order < size)  # no degree has higher orders
-            into = half[block][:, known]
-            into = into * jnp.broadcast_to(jnp.asarray(twice, dtype), into.shape)
-            both = out * jnp.broadcast_to(into[:, None, :], out.shape)
-            some = jnp.take(kernels, maps, axis=1)
-            lit = einsum("lmtc,ljc->mltjc", turned[block], some)
-            product = einsum("lmk,mltjc->mktjc", both, lit)
-            if order % 2:
-                flip = jnp.asarray(np.where(m % 2 == 0, -1, 1), dtype)
-                flip = flip[:, None, None, None, None]
-                product = product * jnp.broadcast_to(flip, product.shape)
-            series.append(product)
-            places.append(maps)
+    for (block, _, maps), table in zip(_groups(orders), known, strict=True):
+        some = jnp.take(kernels, maps, axis=1)
+        lit = einsum("lmtc,ljc->mltjc", turned[block], some)
+        series.append(einsum("mkl,mltjc->mktjc", table, lit))
+        places.append(maps)
     whole = series[0] if len(series) == 1 else jnp.concatenate(series, axis=3)
     back = np.argsort(np.concatenate(places))
     if np.any(back != np.arange(back.size)):
@@ -174,7 +181,7 @@ def maps_on_grid(
     orders: tuple[int, ...],
     theta: np.ndarray,
     columns: int,
-    half: jax.Array | None = None,
+    tables: tuple[jax.Array, ...] | None = None,
 ) -> jax.Array:
     """All maps on rings and a lat-long map's columns: ``(n_theta, n_phi, J, C)``.
 
@@ -184,10 +191,10 @@ def maps_on_grid(
         orders: Signed q of each map. Static.
         theta: Polar angles of the rings, known when tracing.
         columns: How many (:func:`shjax.sphere.latlong_phi`).
-        half: As of :func:`torus_series`.
+        tables: As of :func:`torus_series`.
     """
     size, dtype = kernels.shape[0], kernels.dtype
-    series = torus_series(lighting, kernels, orders, half)
+    series = torus_series(lighting, kernels, orders, tables)
     angle = theta[:, None] * np.arange(size)
     rows = over_theta(
         series, orders, *(jnp.asarray(f(angle), dtype) for f in (np.cos, np.sin))

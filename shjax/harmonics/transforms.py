@@ -90,20 +90,20 @@ def sum_pixels(
     return _analyze(as_float("radiance", radiance), grid=grid, l_max=l_max)
 
 
+def _algorithm(l_max: int):
+    """The module that is faster at a degree."""
+    return theta_first if l_max <= _PRODUCTS_TO else phi_first
+
+
 def _analyze(radiance: jax.Array, *, grid: Grid, l_max: int) -> jax.Array:
-    tables = None
-    if l_max <= _PRODUCTS_TO:
-        tables = theta_first.analysis_tables(grid, l_max, radiance.dtype)
+    tables = _algorithm(l_max).analysis_tables(grid, l_max, radiance.dtype)
     return _analyze_by(radiance, tables, grid=grid, l_max=l_max)
 
 
 @functools.partial(jax.jit, static_argnames=("grid", "l_max"))
-def _analyze_by(
-    radiance: jax.Array, tables: theta_first.Tables | None, *, grid: Grid, l_max: int
-) -> jax.Array:
-    one = functools.partial(phi_first.analyze, grid=grid, l_max=l_max)
-    if tables is not None:
-        one = functools.partial(theta_first.analyze, by=tables, grid=grid, l_max=l_max)
+def _analyze_by(radiance: jax.Array, tables, *, grid: Grid, l_max: int) -> jax.Array:
+    run = _algorithm(l_max).analyze
+    one = functools.partial(run, by=tables, grid=grid, l_max=l_max)
     return _over_batch(one, radiance, 3)
 
 
@@ -135,21 +135,14 @@ def synthesize(
 
 
 def _synthesize(coefs: jax.Array, *, grid: Grid, l_max: int) -> jax.Array:
-    tables = None
-    if l_max <= _PRODUCTS_TO:
-        tables = theta_first.synthesis_tables(grid, l_max, coefs.dtype)
+    tables = _algorithm(l_max).synthesis_tables(grid, l_max, coefs.dtype)
     return _synthesize_by(coefs, tables, grid=grid, l_max=l_max)
 
 
 @functools.partial(jax.jit, static_argnames=("grid", "l_max"))
-def _synthesize_by(
-    coefs: jax.Array, tables: theta_first.Tables | None, *, grid: Grid, l_max: int
-) -> jax.Array:
-    one = functools.partial(phi_first.synthesize, grid=grid, l_max=l_max)
-    if tables is not None:
-        one = functools.partial(
-            theta_first.synthesize, by=tables, grid=grid, l_max=l_max
-        )
+def _synthesize_by(coefs: jax.Array, tables, *, grid: Grid, l_max: int) -> jax.Array:
+    run = _algorithm(l_max).synthesize
+    one = functools.partial(run, by=tables, grid=grid, l_max=l_max)
     return _over_batch(one, coefs, 2)
 
 

@@ -17,7 +17,7 @@ from shjax.arrays import Array, as_float
 from shjax.envmap import EnvironmentMap
 from shjax.harmonics import power_spectrum
 from shjax.harmonics.degrees import degree_of_coefs
-from shjax.harmonics.orientations import half_series, maps_on_grid
+from shjax.harmonics.orientations import maps_on_grid, series_tables
 from shjax.harmonics.tables import on_device
 from shjax.irradiance import irradiance_coefs
 from shjax.lights import CapLights, cap_coefs, split_lights
@@ -180,11 +180,12 @@ def _prefiltered(
 ) -> PrefilteredLight:
     """From coefficients of all the light and of what the small lights leave."""
     held = degree_of_coefs(rest)
-    halves = tuple(
-        on_device(half_series, min(degree, held), dtype=rest.dtype)
+    fit = family(maps)
+    tables = tuple(
+        on_device(series_tables, min(degree, held), fit.orders, dtype=rest.dtype)
         for degree in DEGREES
     )
-    return _on_grids(whole, rest, lights, halves, maps=maps)
+    return _on_grids(whole, rest, lights, tables, maps=maps)
 
 
 @functools.partial(jax.jit, static_argnames=("maps",))
@@ -192,7 +193,7 @@ def _on_grids(
     whole: jax.Array,
     rest: jax.Array,
     lights: CapLights,
-    halves: tuple[jax.Array, ...],
+    tables: tuple[tuple[jax.Array, ...], ...],
     *,
     maps: int,
 ) -> PrefilteredLight:
@@ -203,17 +204,17 @@ def _on_grids(
             lambda a: a.reshape(count, *a.shape[len(front) :]), (whole, rest, lights)
         )
         many = jax.lax.map(
-            lambda one: _one_light(one[0], one[1], one[2], halves, maps), flat
+            lambda one: _one_light(one[0], one[1], one[2], tables, maps), flat
         )
         return jax.tree.map(lambda a: a.reshape(*front, *a.shape[1:]), many)
-    return _one_light(whole[:kept], rest[:kept], lights, halves, maps)
+    return _one_light(whole[:kept], rest[:kept], lights, tables, maps)
 
 
 def _one_light(
     whole: jax.Array,
     rest: jax.Array,
     lights: CapLights,
-    halves: tuple[jax.Array, ...],
+    tables: tuple[tuple[jax.Array, ...], ...],
     maps: int,
 ) -> PrefilteredLight:
     whole, rest = (a[: (DEGREES[-1] + 1) ** 2] for a in (whole, rest))
@@ -230,7 +231,7 @@ def _one_light(
             fit.orders,
             latlong_theta(rows),
             columns,
-            halves[level],
+            tables[level],
         )
         texels.append(jnp.moveaxis(found, 2, 0).reshape(maps, -1, channels))
     nine = jnp.pad(rest[:9], [(0, max(9 - rest.shape[0], 0)), (0, 0)])

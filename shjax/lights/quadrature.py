@@ -53,7 +53,8 @@ def lobe_nodes(
     axes = jnp.stack([along, across, lobe])
     # The cap's centre in that frame: its distance from the lobe and its azimuth.
     centre = jnp.broadcast_to(centre[None], lobe.shape)
-    cap = _Cap(*jnp.sum(centre[None] * axes, axis=-1), height, height > 1.5)
+    x, y, z = (jnp.sum(centre * axis, axis=-1) for axis in (along, across, lobe))
+    cap = _Cap(x, y, z, height, height > 1.5)
     fall = 0.5 * jnp.sum((lobe - centre) ** 2, axis=-1)  # 1 - cos d, with its digits
     stretch = jnp.sqrt(jnp.maximum(side, _NARROWEST))
     circles = _half_circles(cap, fall, stretch, spokes)
@@ -69,14 +70,15 @@ def lobe_nodes(
     local, solid = _along(circles, low, high, rings)
     # By sums of products, which fuse; a product of matrices for each point does not.
     turned = jnp.sum(frame[:, :, None] * jnp.moveaxis(axes, 0, 1)[:, None], axis=-1)
-    components = [
-        sum(
+
+    def component(i: int) -> jax.Array:
+        one, *others = (
             jnp.broadcast_to(turned[:, i, k, None], solid.shape) * local[k]
             for k in range(3)
         )
-        for i in range(3)
-    ]
-    return Local(*components), solid
+        return one + others[0] + others[1]
+
+    return Local(component(0), component(1), component(2)), solid
 
 
 class _Cap(NamedTuple):
