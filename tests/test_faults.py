@@ -413,6 +413,7 @@ def test_large_tables_are_arguments_of_programs(dtype):
     image = jnp.ones((258, 512, 1), dtype)
     coefs = jnp.ones((129**2, 1), dtype)
     large = jnp.ones((402, 804, 1), dtype)
+    rho = jnp.ones((129, 2, 2, 1), dtype)
     calls = {
         "_analyze_by": (lambda a: shjax.analyze(a, l_max=128), image),
         "_analyze_by above": (lambda a: shjax.analyze(a, l_max=200), large),
@@ -421,6 +422,8 @@ def test_large_tables_are_arguments_of_programs(dtype):
             coefs,
         ),
         "_on_grids": (lambda a: shjax.prefilter_light(a, maps=4), coefs),
+        "_rotate": (lambda a: shjax.rotate(a, jnp.eye(3, dtype=dtype)), coefs),
+        "_prefilter_in": (lambda a: shjax.prefilter(a, rho), coefs),
     }
     for name, (call, argument) in calls.items():
         outer = jax.make_jaxpr(call)(argument)

@@ -20,7 +20,8 @@ import numpy as np
 from shjax.adapted.ggx import DEGREES, LEVELS, locate
 from shjax.adapted.single import view_kernels
 from shjax.brdf import ggx
-from shjax.harmonics.orientations import maps_on_grid
+from shjax.harmonics.orientations import maps_on_grid, series_tables
+from shjax.harmonics.tables import on_device
 from shjax.ibl.prefiltering import level_shape
 from shjax.ibl.reading import Weights, read_maps
 from shjax.ibl.shading import taps
@@ -79,6 +80,7 @@ def prefilter(coefs: jax.Array) -> Light:
             (0,),
             latlong_theta(rows),
             columns,
+            on_device(series_tables, degree, (0,), dtype=coefs.dtype),
         )
         texels.append(found.reshape(1, -1, coefs.shape[-1]))
     return Light(jnp.concatenate(texels, axis=1), coefs[:9])

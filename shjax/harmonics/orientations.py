@@ -24,7 +24,7 @@ import numpy as np
 
 from shjax.arrays import in_blocks
 from shjax.harmonics import wigner
-from shjax.harmonics.tables import cached, on_device
+from shjax.harmonics.tables import cached
 from shjax.sphere import latlong_phi
 
 _LEAST_TRANSFORM = 64  # orders from which an FFT is faster than a product
@@ -88,7 +88,7 @@ def torus_series(
     lighting: jax.Array,
     kernels: jax.Array,
     orders: tuple[int, ...],
-    tables: tuple[jax.Array, ...] | None = None,
+    tables: tuple[jax.Array, ...],
 ) -> jax.Array:
     """Fourier coefficients of all maps.
 
@@ -96,20 +96,18 @@ def torus_series(
         lighting: ``(K, C)``, to the kernels' degree.
         kernels: ``(F + 1, J, C)``; the lighting's channels.
         orders: Signed q of each map; cosine for q >= 0, sine for q < 0. Static.
-        tables: :func:`series_tables` in the kernels' type, where they are arguments of
-            the program; default: constants.
+        tables: :func:`series_tables` in the kernels' type.
 
     Returns:
         ``(k, m, t, J, C)``: frequency in a, order in b, (cos, sin) of m b. In a the
         function is ``cos k a`` where m + q is even, ``sin k a`` where it is odd.
     """
-    size, dtype = kernels.shape[0], kernels.dtype
-    known = tables or on_device(series_tables, size - 1, orders, dtype=dtype)
+    size = kernels.shape[0]
     waves = _by_order(lighting, size)  # [l, m, t, c]
     # For the sines (cos mb, sin mb) go with (L_-m, -L_m).
     turned = (waves, jnp.stack([waves[:, :, 1], -waves[:, :, 0]], axis=2))
     series, places = [], []
-    for (block, _, maps), table in zip(_groups(orders), known, strict=True):
+    for (block, _, maps), table in zip(_groups(orders), tables, strict=True):
         some = jnp.take(kernels, maps, axis=1)
         lit = einsum("lmtc,ljc->mltjc", turned[block], some)
         series.append(einsum("mkl,mltjc->mktjc", table, lit))
@@ -181,7 +179,7 @@ def maps_on_grid(
     orders: tuple[int, ...],
     theta: np.ndarray,
     columns: int,
-    tables: tuple[jax.Array, ...] | None = None,
+    tables: tuple[jax.Array, ...],
 ) -> jax.Array:
     """All maps on rings and a lat-long map's columns: ``(n_theta, n_phi, J, C)``.
 
@@ -238,10 +236,11 @@ def maps_at(
     orders: tuple[int, ...],
     theta: jax.Array,
     phi: jax.Array,
+    tables: tuple[jax.Array, ...],
 ) -> jax.Array:
     """All maps at directions of any kind: ``(n, J, C)``; angles are data, ``(n,)``."""
     size, dtype = kernels.shape[0], kernels.dtype
-    series = torus_series(lighting, kernels, orders)
+    series = torus_series(lighting, kernels, orders, tables)
     k = np.arange(size)
 
     def block(angles):

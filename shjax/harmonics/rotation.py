@@ -21,6 +21,7 @@ from jaxtyping import Float
 from shjax.arrays import Array, as_float, shape_of
 from shjax.harmonics import wigner
 from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
+from shjax.harmonics.tables import on_device
 
 _TABLES_TO = 128  # above, the eigenvectors of one degree at a time
 
@@ -64,7 +65,11 @@ def rotate(
     batch = jnp.broadcast_shapes(coefs.shape[:-2], matrix.shape[:-2])
     coefs = jnp.broadcast_to(coefs, (*batch, *coefs.shape[-2:]))
     matrix = jnp.broadcast_to(matrix.astype(coefs.dtype), (*batch, 3, 3))
-    turn = _rotate_by_degree if l_max > _TABLES_TO else _rotate
+    turn = _rotate_by_degree
+    if l_max <= _TABLES_TO:
+        vectors, multiples = on_device(wigner.tables, l_max, dtype=coefs.dtype)
+        tables = _Tables(vectors, multiples, jnp.arange(l_max + 1))
+        turn = functools.partial(_rotate, tables=tables)
     for _ in batch:
         turn = jax.vmap(turn)
     return turn(coefs, matrix)
@@ -83,19 +88,13 @@ def _check_orthogonal(matrix: jax.Array) -> None:
 
 
 @jax.jit
-def _rotate(coefs: jax.Array, matrix: jax.Array) -> jax.Array:
+def _rotate(coefs: jax.Array, matrix: jax.Array, *, tables: _Tables) -> jax.Array:
     l_max = degree_of_coefs(coefs)
-    vectors, frequencies = wigner.tables(l_max)
     l, m = degrees(l_max), orders(l_max)
     slots = (l * 2 + (m < 0)) * (l_max + 1) + np.abs(m)
     shape = (l_max + 1, 2, l_max + 1, coefs.shape[-1])
     flat = jnp.zeros((2 * (l_max + 1) ** 2, coefs.shape[-1]), coefs.dtype)
     blocks = flat.at[slots].set(coefs, unique_indices=True).reshape(shape)
-    tables = _Tables(
-        jnp.asarray(vectors, coefs.dtype),
-        jnp.asarray(frequencies, coefs.dtype),
-        jnp.asarray(np.arange(l_max + 1)),
-    )
     turned = _turn(blocks, matrix, tables)
     return jnp.take(turned.reshape(-1, coefs.shape[-1]), slots, axis=0)
 

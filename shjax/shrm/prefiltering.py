@@ -18,7 +18,8 @@ from jaxtyping import Float
 from shjax.arrays import Array, as_float, in_blocks
 from shjax.convolution import common_channels
 from shjax.harmonics.degrees import degree_of_coefs
-from shjax.harmonics.orientations import HIGHEST, maps_at, maps_on_grid
+from shjax.harmonics.orientations import HIGHEST, maps_at, maps_on_grid, series_tables
+from shjax.harmonics.tables import on_device
 from shjax.kernels import orders_of_rho
 from shjax.sphere import (
     cube_directions,
@@ -108,7 +109,9 @@ def prefilter_cube(
     size = 2 * (_degree(lighting, rho) + 1) if size is None else size
     if size < 1:
         raise ValueError(f"size must be positive; got {size}.")
-    return _prefilter_cube(lighting, rho, size=size, frame=frame)
+    orders = HarmonicViews(orders_of_rho(rho)[1]).orders
+    tables = _tables(_degree(lighting, rho), orders, rho.dtype)
+    return _prefilter_cube(lighting, rho, tables, size=size, frame=frame)
 
 
 def _degree(lighting: jax.Array, rho: jax.Array) -> int:
@@ -140,7 +143,6 @@ def check_frame(frame: str) -> None:
         raise ValueError(f"frame must be one of {', '.join(FRAMES)}; got {frame!r}.")
 
 
-@functools.partial(jax.jit, static_argnames=("n_theta", "n_phi", "frame"))
 def prefilter_in(
     views: CoefficientViews,
     lighting,
@@ -151,10 +153,25 @@ def prefilter_in(
     frame: str = "local",
 ) -> jax.Array:
     """:func:`prefilter` in a view basis of one's own; arguments are not checked."""
+    tables = _tables(_degree(lighting, rho), views.orders, rho.dtype)
+    return _prefilter_in(
+        views, lighting, rho, tables, n_theta=n_theta, n_phi=n_phi, frame=frame
+    )
+
+
+def _tables(l_max: int, orders: tuple[int, ...], dtype) -> tuple[jax.Array, ...]:
+    return on_device(series_tables, l_max, orders, dtype=dtype)
+
+
+@functools.partial(jax.jit, static_argnames=("n_theta", "n_phi", "frame"))
+def _prefilter_in(
+    views: CoefficientViews, lighting, rho, tables, *, n_theta: int, n_phi: int,
+    frame: str,
+) -> jax.Array:  # fmt: skip
     theta, phi = latlong_theta(n_theta), latlong_phi(n_phi)
 
     def one(light, kernels):
-        maps = maps_on_grid(light, kernels, views.orders, theta, n_phi)
+        maps = maps_on_grid(light, kernels, views.orders, theta, n_phi, tables)
         if frame == "local":
             return maps
         assert isinstance(views, HarmonicViews)  # only they turn
@@ -164,7 +181,6 @@ def prefilter_in(
     return _over_batch(one, views, lighting, rho)
 
 
-@functools.partial(jax.jit, static_argnames=("orders", "n_theta", "n_phi"))
 def prefilter_kernels(
     lighting: Float[Array, "K C"],
     kernels: Float[Array, "L Q C"],
@@ -182,23 +198,27 @@ def prefilter_kernels(
         n_theta: Rows. Static.
         n_phi: Columns. Static.
     """
-    return maps_on_grid(
-        jnp.asarray(lighting),
-        jnp.asarray(kernels),
-        orders,
-        latlong_theta(n_theta),
-        n_phi,
+    kernels = jnp.asarray(kernels)
+    tables = _tables(kernels.shape[0] - 1, orders, kernels.dtype)
+    return _on_grid(
+        jnp.asarray(lighting), kernels, tables, orders, n_theta=n_theta, n_phi=n_phi
     )
 
 
+@functools.partial(jax.jit, static_argnames=("orders", "n_theta", "n_phi"))
+def _on_grid(lighting, kernels, tables, orders, *, n_theta: int, n_phi: int):
+    theta = latlong_theta(n_theta)
+    return maps_on_grid(lighting, kernels, orders, theta, n_phi, tables)
+
+
 @functools.partial(jax.jit, static_argnames=("size", "frame"))
-def _prefilter_cube(lighting, rho, *, size: int, frame: str) -> jax.Array:
+def _prefilter_cube(lighting, rho, tables, *, size: int, frame: str) -> jax.Array:
     directions = cube_directions(size).reshape(-1, 3)
     views = HarmonicViews(orders_of_rho(rho)[1])
     theta, phi = (jnp.asarray(a, lighting.dtype) for a in _angles(directions))
 
     def one(light, kernels):
-        maps = maps_at(light, kernels, views.orders, theta, phi)
+        maps = maps_at(light, kernels, views.orders, theta, phi, tables)
         if frame == "global":
             maps = _turn_points(views.to_world, maps, theta, phi)
         return maps.reshape(6, size, size, *maps.shape[1:])
