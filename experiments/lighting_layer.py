@@ -230,7 +230,7 @@ def pictures(folder: Path, out: Path, size: int = 160) -> dict:
 
 
 def _bunny(folder: Path):
-    from shjax.render.meshes import load_mesh
+    from shjax.render.loading import load_mesh
 
     mesh = load_mesh(folder / "mesh" / "bunny_igl.off").copy()
     turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])

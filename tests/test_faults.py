@@ -483,3 +483,22 @@ def test_pictures_say_what_they_show():
     captions = shown[shown.shape[1] // 3 :]
     for panel in np.split(captions, 3, axis=1):
         assert 0.005 < np.mean(panel > 0.5) < 0.5
+
+
+@pytest.mark.parametrize("faces", [1, 3])
+def test_error_bars_of_a_box_know_what_it_does_not_show(faces, dtype):
+    """One face, or three, and a lamp where none looks: no number beyond four deviations."""
+    box = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])[:faces]
+    normals = jnp.asarray(np.repeat(box, 150, axis=0), dtype)
+    rng = np.random.default_rng(3)
+    panorama = np.asarray(io.read_envmap(io.shipped_panorama()).to_latlong(64).radiance)
+    directions = latlong_directions(64, 128)
+    for strength in (1.0, 30.0, 300.0):
+        towards = -np.abs(unit_vectors(rng, 1)[0])  # behind all the faces
+        lamp = strength * np.exp(80 * (directions @ towards - 1))[..., None]
+        light = shjax.analyze(jnp.asarray(panorama + lamp, dtype), l_max=30)
+        picture = np.asarray(shjax.irradiance(light, normals) / np.pi)
+        noisy = picture + 0.01 * picture.mean() * rng.normal(size=picture.shape)
+        found = shjax.estimate_lighting(jnp.asarray(noisy, dtype), normals)
+        z = np.abs(np.asarray(found.value - light[:9])) / found.standard_deviation
+        assert np.max(z) < 4, strength

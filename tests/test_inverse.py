@@ -16,6 +16,7 @@ from shjax.inverse import decode, surfaces, visible_cosine
 from shjax.inverse.compression import compress
 from shjax.inverse.glossy import light_up, reflected, table_to
 from shjax.inverse.pictures import Pixels
+from shjax.render.loading import load_mesh
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT
 
@@ -606,7 +607,7 @@ def test_predicted_picture_has_an_error_bar(plain, rng):
 def test_a_mesh_that_shadows_itself(data):
     """The bunny under light of degree 2: the cosine alone is far off."""
     pytest.importorskip("embreex")
-    geometry = render.meshes.load_mesh(data / "renders/meshes/bunny.ply")
+    geometry = load_mesh(data / "renders/meshes/bunny.ply")
     geometry = geometry.copy()
     geometry.vertices = np.asarray(geometry.vertices) @ MITSUBA_AXES.T
     trace = render.trace_mesh(geometry, FRONT, 128)

@@ -9,7 +9,8 @@ import pytest
 import shjax
 from shjax import brdf, io, render
 from shjax.envmap import make_envmap
-from shjax.render.meshes import load_mesh, trace_mesh, visibility
+from shjax.render.loading import load_mesh
+from shjax.render.meshes import trace_mesh, visibility
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT, environment
 

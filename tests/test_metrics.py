@@ -13,7 +13,8 @@ from rich.console import Console
 
 import shjax
 from shjax import cli, io, metrics, render
-from shjax.cli.estimate import estimate, show
+from shjax.cli.estimate import estimate
+from shjax.cli.estimate_report import show
 from shjax.cli.score import score
 from shjax.cli.surface import CAMERA_TO_WORLD
 from shjax.inverse import decode

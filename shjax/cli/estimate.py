@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 
 import click
 import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 import shjax
-from shjax import io
 from shjax.cli import surface
+from shjax.cli.estimate_report import show, words, write
 from shjax.cli.light import BASIS
 from shjax.cli.many import alone
 from shjax.cli.options import BrdfText, FiniteRange
-from shjax.cli.pictures import FRAME, as_rgb, captioned, compare, header
-from shjax.display import tone_map
+from shjax.cli.pictures import FRAME
 from shjax.estimate import Estimate
-from shjax.harmonics import basis
-from shjax.harmonics.degrees import degrees, orders
 from shjax.io.colour import decode_srgb, encode_srgb
 from shjax.io.images import MAX_PIXELS, decode, in_memory
 from shjax.io.writing import check_folder, json_text, protecting
 from shjax.render import Camera
 from shjax.render.shading import covered
-from shjax.sphere import latlong_directions
 
 SCHEMA = "shjax.estimate/1"
-PANELS = "drawn from the estimate | the picture | their difference"
 _LDR = (".png", ".jpg", ".jpeg")
 
 
@@ -278,8 +271,8 @@ def run(image: Path, out: Path, **options) -> dict:
         "noise": _finite(found.noise),
         "residual_rms_over_mean": _residual(picture, again, shown),
     }
-    result["words"] = _words(result)
-    result["files"] = _write(out, image.stem, result, found, picture, again, shown)
+    result["words"] = words(result)
+    result["files"] = write(out, image.stem, result, found, picture, again, shown)
     return result
 
 
@@ -324,97 +317,3 @@ def _residual(picture, again, shown: surface.Shown) -> float:
         whole = whole & (shown.mask > 0)
     mean = picture[whole].mean()
     return float(np.sqrt(np.mean((picture - again)[whole] ** 2)) / (mean or 1.0))
-
-
-def _words(result: dict) -> list[str]:
-    """What is determined, degree by degree."""
-    degree = degrees(result["l_max"])
-    share = np.array(result["prior_fraction"])
-    level = np.abs(np.array(result["coefficients"])[0]).max() or 1.0
-    lines = []
-    for l in range(result["l_max"] + 1):
-        some = [result["standard_deviation"][k] for k in np.flatnonzero(degree == l)]
-        own = share[degree == l].mean()
-        if any(v is None for row in some for v in row) or own > 0.5:
-            lines.append(f"degree {l}: not determined by this picture")
-        else:
-            lines.append(
-                f"degree {l}: within {np.max(some) / level:.2g} of L_00 (one standard "
-                f"deviation); {own:.0%} of it from the prior"
-            )
-    if result["clipped_share"] > 0:
-        lines.append(f"{result['clipped_share']:.1%} of the values are at white")
-    return lines
-
-
-def _write(out: Path, stem: str, result, found, picture, again, shown) -> dict:
-    about = header(result["source"], units="radiance")
-    panorama = np.asarray(shjax.synthesize(found.value, n_theta=256, n_phi=512))
-    seen = np.asarray(shown.gbuffer.mask)[..., None] > 0
-    panels, coloured = compare(again, np.where(seen, picture, 0), PANELS)
-    files = {
-        name: str(out / f"{stem}_{name}")
-        for name in (
-            "light.exr", "light.png", "pictures.exr", "pictures.png", "light.json",
-        )
-    }  # fmt: skip
-    io.write_image(files["light.exr"], panorama, attributes=about)
-    io.write_image(files["light.png"], _shown_light(found, panorama))
-    io.write_image(
-        files["pictures.exr"], panels.astype(np.float32),
-        attributes={**about, "panels": PANELS},
-    )  # fmt: skip
-    io.write_image(files["pictures.png"], coloured)
-    io.write_text(
-        files["light.json"], json_text({**result, "files": files}, indent=1) + "\n"
-    )
-    return files
-
-
-def _shown_light(found: Estimate, panorama: np.ndarray) -> np.ndarray:
-    """The recovered light and beside it its standard deviation, with one white."""
-    l_max = math.isqrt(found.value.shape[0]) - 1
-    functions = basis(latlong_directions(*panorama.shape[:2]), l_max=l_max)
-    spread = np.einsum(
-        "hwj,cjk,hwk->hwc", functions, found.covariance, functions, optimize=True
-    )
-    deviation = np.sqrt(np.maximum(np.nan_to_num(spread, posinf=0.0), 0))
-    level = np.maximum(panorama, 0)
-    white = float(np.quantile(level.mean(axis=-1), 0.995)) or 1.0
-    dark = float(np.mean(np.any(panorama < 0, axis=-1)))
-    shown = [as_rgb(tone_map(image, white=white)) for image in (level, deviation)]
-    text = f"recovered light; white {white:.2g}"
-    if dark > 0:
-        text += f"; below zero in {dark:.0%}, shown black"
-    return captioned(
-        np.concatenate(shown, axis=1), (text, "its standard deviation, the same white")
-    )
-
-
-def show(console: Console, result: dict) -> None:
-    """The coefficients with their uncertainties, and what they rest on."""
-    console.print(f"{result['source']}: {result['shows']}", style="bold", markup=False)
-    table = Table(title="Lighting coefficients L_lm", title_justify="left")
-    channels = len(result["coefficients"][0])
-    names = ("R", "G", "B") if channels == 3 else tuple(map(str, range(channels)))
-    for heading in ("l", "m", *names, "prior"):
-        table.add_column(heading, justify="right")
-    rows = zip(
-        degrees(result["l_max"]), orders(result["l_max"]), result["coefficients"],
-        result["standard_deviation"], result["prior_fraction"], strict=True,
-    )  # fmt: skip
-    for l, m, values, deviations, share in rows:
-        cells = [
-            f"{value:.4g} \u00b1 {'?' if sd is None else format(sd, '.1g')}"
-            for value, sd in zip(values, deviations, strict=True)
-        ]
-        table.add_row(str(l), str(m), *cells, f"{np.mean(share):.0%}")
-    console.print(table)
-    for line in (*result["words"], f"the picture's values: {result['transfer']}"):
-        console.print(line)
-    console.print(
-        f"{result['message']}\nresidual: {result['residual_rms_over_mean']:.2%} of the "
-        f"picture's mean\npictures: {PANELS}\nframe: {result['frame']}\nwritten:"
-    )
-    for name in result["files"].values():
-        console.print(f"  {name}", markup=False)

@@ -38,7 +38,8 @@ from shjax.ibl import PrefilteredLight, prefilter_light
 from shjax.io.writing import check_folder, json_text, protecting
 from shjax.model import Model, choose_model
 from shjax.render import Camera, GBuffer
-from shjax.render.meshes import load_mesh, not_drawn, trace_mesh
+from shjax.render.loading import load_mesh, not_drawn
+from shjax.render.meshes import trace_mesh
 
 SCHEMA = "shjax.render/1"
 TURNS = {"z": np.eye(3), "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])}

@@ -7,11 +7,9 @@ is differentiated; what is, starts from the G-buffer.
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import warnings
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,11 +18,10 @@ from jaxtyping import Bool, Float
 from shjax.arrays import Array, check_count, check_vectors, picture_size
 from shjax.render.camera import Camera, camera_rays, check_camera
 from shjax.render.gbuffer import GBuffer
-from shjax.render.textures import surface_of
+from shjax.render.loading import load_mesh, material_of
 
 _LEAST_COSINE = 0.02  # interpolated normals that turn away are bent to be seen
 _RAYS_AT_ONCE = 2**20
-_SURFACE = "shjax_surface"  # where a mesh's own material is kept
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,110 +37,6 @@ class Trace:
     gbuffer: GBuffer
     positions: Float[np.ndarray, "H W 3"]
     geometry: Any
-
-
-def load_mesh(path: str | os.PathLike) -> Any:
-    """Read OBJ, OFF, PLY, glTF or what else trimesh reads, as one mesh.
-
-    Normals are the file's own, hard edges included; smooth ones are made where it gives
-    none. Its material is kept beside it, see :func:`trace_mesh`.
-
-    Raises:
-        ImportError: If trimesh is not installed.
-        OSError: If the file cannot be opened.
-        ValueError: If it holds no triangles; the message names the file.
-    """
-    path = Path(path)
-    trimesh = _trimesh()
-    with path.open("rb") as file:
-        header = _gltf_header(file)
-    try:
-        loaded = _scene(trimesh, path, header)
-        parts = []
-        for node in loaded.graph.nodes_geometry:
-            place, name = loaded.graph[node]
-            part = loaded.geometry[name]
-            if isinstance(part, trimesh.Trimesh):
-                parts.append((_placed(trimesh, part, place), part.visual))
-        surface = surface_of([(mesh.faces, visual) for mesh, visual in parts], header)
-        for mesh, _ in parts:
-            if not _own_normals(mesh):
-                mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        mesh = trimesh.util.concatenate([mesh for mesh, _ in parts]) if parts else None
-    except Exception as error:  # readers of many formats raise what they like
-        raise ValueError(f"{path}: trimesh cannot read it ({error}).") from error
-    if mesh is None or not len(mesh.faces) or not np.all(np.isfinite(mesh.vertices)):
-        raise ValueError(
-            f"{path}: holds no triangles, or vertices that are not finite."
-        )
-    mesh.metadata[_SURFACE] = surface
-    return mesh
-
-
-def not_drawn(mesh: Any) -> tuple[str, ...]:
-    """What the material of a mesh from :func:`load_mesh` says and is not drawn."""
-    surface = mesh.metadata.get(_SURFACE)
-    return () if surface is None else surface.ignored
-
-
-def _scene(trimesh: Any, path: Path, header: dict) -> Any:
-    """The file as trimesh's scene; colours without a material keep all their bits."""
-    if not header:
-        return trimesh.load_scene(path, process=False)
-    gltf, looks = trimesh.exchange.gltf, trimesh.visual
-    with path.open("rb") as file:
-        read = gltf.load_glb if file.read(4) == b"glTF" else gltf.load_gltf
-        file.seek(0)
-        resolver = trimesh.resolvers.FilePathResolver(path)
-        found = read(file, resolver=resolver, process=False)
-    for mesh in found["geometry"].values():
-        if "faces" in mesh and "vertex_colors" in mesh:
-            colours = mesh.pop("vertex_colors")
-            mesh["visual"] = looks.TextureVisuals(material=looks.material.PBRMaterial())
-            mesh["visual"].vertex_attributes["color"] = colours
-    return trimesh.load_scene(found)
-
-
-def _own_normals(mesh: Any) -> bool:
-    """Whether a trimesh mesh holds normals that were given, not computed."""
-    return "vertex_normals" in mesh._cache
-
-
-def _placed(trimesh: Any, mesh: Any, place: np.ndarray) -> Any:
-    """A copy without its looks, at its place in the scene."""
-    normals = mesh.vertex_normals if _own_normals(mesh) else None
-    copy = trimesh.Trimesh(
-        np.array(mesh.vertices), np.array(mesh.faces), vertex_normals=normals,
-        process=False,
-    )  # fmt: skip
-    return copy.apply_transform(place)
-
-
-def _gltf_header(file: BinaryIO) -> dict:
-    """The JSON of a glTF file, binary or not; {} of any other."""
-    start = file.read(20)
-    try:
-        if start[:4] == b"glTF":
-            text = file.read(int.from_bytes(start[12:16], "little"))
-        elif start.lstrip()[:1] == b"{":
-            text = start + file.read()
-        else:
-            return {}
-        found = json.loads(text)
-    except ValueError:
-        return {}  # trimesh says what is wrong with it
-    return found if isinstance(found, dict) else {}
-
-
-def _trimesh() -> Any:
-    try:
-        import embreex  # noqa: F401  # trimesh takes it for its rays where it is found
-        import trimesh
-    except ImportError as error:
-        raise ImportError(
-            "meshes need trimesh and embreex: pip install 'shjax[mesh]'"
-        ) from error
-    return trimesh
 
 
 def mesh(
@@ -210,7 +103,7 @@ def trace_mesh(
     check_count("samples", samples)
     check_camera(camera)
     geometry = load_mesh(path) if isinstance(path, (str, os.PathLike)) else path
-    surface = geometry.metadata.get(_SURFACE) if material else None
+    surface = material_of(geometry) if material else None
     if material and surface is None:
         raise ValueError(f"material must be in the file; {path} has none.")
     if surface is not None and surface.ignored:
