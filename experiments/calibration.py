@@ -10,7 +10,6 @@ What the data leave open counts too: the prior's own spread has to cover it.
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
@@ -24,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import shjax
 from experiments.data import PANORAMAS, data_folder
 from experiments.versions import versions
+from experiments.writing import markdown_table, write_result
 from shjax import io
 from shjax.sphere import normalize
 
@@ -115,22 +115,27 @@ def table(turns: int, seed: int) -> list[dict]:
 
 def as_markdown(rows: list[dict], turns: int) -> str:
     """The table as it is published."""
-    lines = [
-        "# Calibration of the error bars of recovered light",
-        "",
-        f"{len(PANORAMAS)} panoramas, each turned {turns} times; z is the error of a "
-        "coefficient over its standard deviation. Honest error bars have 95 % within 2 "
-        "and a root mean square of 1.",
-        "",
-        "| object | noise | within 2 sd | rms of z | largest z | pictures with a z > 4 |",
-        "|---|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| {r['object']} | {r['noise']:.1%} | {r['within_2']:.1%} | {r['z_rms']:.2f} | "
-        f"{r['z_max']:.1f} | {r['beyond_4']:.0%} |"
+    cells = [
+        [
+            r["object"],
+            f"{r['noise']:.1%}",
+            f"{r['within_2']:.1%}",
+            f"{r['z_rms']:.2f}",
+            f"{r['z_max']:.1f}",
+            f"{r['beyond_4']:.0%}",
+        ]
         for r in rows
     ]
-    return "\n".join(lines) + "\n"
+    head = ["object", "noise", "within 2 sd", "rms of z", "largest z"]
+    return "\n\n".join(
+        [
+            "# Calibration of the error bars of recovered light",
+            f"{len(PANORAMAS)} panoramas, each rotated {turns} times; z is the error of a "
+            "coefficient over its standard deviation. Honest error bars have 95 % within "
+            "2 and a root mean square of 1.",
+            markdown_table([*head, "pictures with a z > 4"], cells),
+        ]
+    )
 
 
 @click.command()
@@ -140,10 +145,8 @@ def as_markdown(rows: list[dict], turns: int) -> str:
 def main(out: Path, turns: int, seed: int) -> None:
     """Write calibration.json and calibration.md."""
     rows = table(turns, seed)
-    out.mkdir(parents=True, exist_ok=True)
     content = {"versions": versions(), "turns": turns, "seed": seed, "rows": rows}
-    io.write_text(out / "calibration.json", json.dumps(content, indent=1) + "\n")
-    io.write_text(out / "calibration.md", as_markdown(rows, turns))
+    write_result(out, "calibration", as_markdown(rows, turns), content)
 
 
 if __name__ == "__main__":

@@ -24,8 +24,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import shjax
 from experiments.data import data_folder
 from experiments.prefiltering import rms
-from shjax import brdf, io, plot, render, shrm
+from shjax import brdf, io, plot, render
 from shjax.brdf import Brdf, Resolution
+from shjax.reflection import ReflectionMap, icosahedral_maps
 from shjax.sphere import icosahedron
 
 EXACT_ROWS = 64
@@ -41,11 +42,13 @@ def figure_5_5(orders: int = 20, exponent: float = 32.0):
     """Accuracy over F: the truth (to F = 30), the two estimates, the exact prediction."""
     lighting = shjax.analyze(city(), l_max=30)
     spectrum = shjax.power_spectrum(lighting)
-    gains = shjax.radial_coefs(brdf.phong(exponent), l_max=30)
-    reflected = np.asarray(shjax.power_spectrum(shjax.convolve(lighting, gains)))
+    gains = shjax.brdf.radial_coefs(brdf.phong(exponent), l_max=30)
+    reflected = np.asarray(
+        shjax.power_spectrum(shjax.reflection.convolve(lighting, gains))
+    )
     light = np.asarray(spectrum).sum(axis=1)
     rho = np.asarray(gains)[:, 0] ** 2 * (2 * np.arange(31) + 1) / (4 * np.pi)
-    expansion = shjax.expand_brdf(brdf.phong(exponent), l_max=30, p_max=0)
+    expansion = shjax.brdf.expand(brdf.phong(exponent), l_max=30, p_max=0)
 
     def held(energy: np.ndarray) -> np.ndarray:
         return np.cumsum(energy)[:orders] / energy.sum()
@@ -55,12 +58,14 @@ def figure_5_5(orders: int = 20, exponent: float = 32.0):
         "exact": held(reflected.sum(axis=1)).tolist(),
         "minimum of errors": np.maximum(held(light), held(rho)).tolist(),
         "residual heuristic (5.19)": [
-            1 - shjax.residual_heuristic(spectrum, gains, l_max=f)
+            1 - shjax.brdf.residual_heuristic(spectrum, gains, l_max=f)
             for f in range(orders)
         ],
         "predicted from the spectrum": [
             1
-            - float(shjax.predicted_energy_error(spectrum, expansion, l_max=f, p_max=0))
+            - float(
+                shjax.brdf.predicted_energy_error(spectrum, expansion, l_max=f, p_max=0)
+            )
             for f in range(orders)
         ],
     }
@@ -79,13 +84,13 @@ def _picture(ball, model: Brdf, f: int, p: int, *, zonal: bool = False):
     rho = shjax.brdf_coefs(model, l_max=f, p_max=p)
     if zonal:
         rho = rho.at[:, :, 1:].set(0)
-    return render.glossy(ball, shjax.prefilter(lighting, rho))
+    return render.image(ball, shjax.prefilter(lighting, rho))
 
 
 def figure_5_6(size: int = 128, sigma: float = 0.2, f: int = 30):
     """The microfacet model for P = 0, 1, 2, with the energy each holds."""
     ball, model = render.sphere(size), brdf.gaussian_microfacet(sigma)
-    held = shjax.energy_held(shjax.expand_brdf(model, l_max=f, p_max=2))[f]
+    held = shjax.brdf.energy_held(shjax.brdf.expand(model, l_max=f, p_max=2))[f]
     exact = render.reference(ball, city(), model)
     pictures = {
         f"P = {p}, {held[p]:.0%} of the energy": _picture(ball, model, f, p)
@@ -100,17 +105,21 @@ def figure_5_7(folder: Path, f: int = 30, samples: int = 61):
     nodes, held = Resolution(48, 32, 40), []
     for sample in range(1, samples + 1):
         model = brdf.read_curet(folder / "abrdf.dat", folder / "table.txt", sample)
-        expansion = shjax.expand_brdf(model, l_max=f, p_max=5, resolution=nodes)
-        held.append(shjax.energy_held(expansion)[f].tolist())
+        expansion = shjax.brdf.expand(model, l_max=f, p_max=5, resolution=nodes)
+        held.append(shjax.brdf.energy_held(expansion)[f].tolist())
     values = np.array(held)
     figure, axes = plot.new_figure(1, 1, 7.0, 2.6)
     axis, where = axes[0, 0], np.arange(1, samples + 1)
     for p in range(6):
         last = p == 5
         axis.plot(
-            where, values[:, p], "o" if last else "d", ms=4 if last else 3,
-            color="k" if last else str(0.8 - 0.12 * p), label=f"P = {p}",
-        )  # fmt: skip
+            where,
+            values[:, p],
+            "o" if last else "d",
+            ms=4 if last else 3,
+            color="k" if last else str(0.8 - 0.12 * p),
+            label=f"P = {p}",
+        )
     axis.axhline(0.9, color="C3", lw=0.8)
     axis.set_xlabel("CUReT sample")
     axis.set_ylabel(f"energy held, F = {f}")
@@ -140,11 +149,12 @@ def cabral(ball, maps) -> np.ndarray:
     corners = vertices[near]
     weights = np.linalg.solve(corners.T, view)
     weights = np.maximum(weights, 0) / np.maximum(weights, 0).sum()
-    images = np.asarray(shrm.icosahedral_maps(maps))[near]
+    images = np.asarray(icosahedral_maps(maps))[near]
     mixed = np.einsum("v,vijc->ijc", weights, images)[:, :, None] * np.sqrt(4 * np.pi)
-    return np.asarray(
-        render.glossy(ball, jnp.asarray(mixed, jnp.float32), frame="global")
-    )
+    centre = "reflection" if ball.tangents is None else "tangent"
+    mixed = jnp.asarray(mixed, jnp.float32)
+    one = ReflectionMap.from_coefs(mixed, frame="global", centre=centre)
+    return np.asarray(render.image(ball, one))
 
 
 def figure_5_9(size: int = 128, f: int = 30):
@@ -158,10 +168,12 @@ def figure_5_9(size: int = 128, f: int = 30):
         ball = render.sphere(size, tangents=fibres)
         exact = render.reference(ball, city(), model)
         lighting = shjax.analyze(city(), l_max=f)
-        rho = shjax.brdf_coefs(model, l_max=f, p_max=p)
-        maps = shjax.prefilter(lighting, rho, n_theta=96, n_phi=192, frame="global")
+        expansion = shjax.brdf.expand(model, l_max=f, p_max=p)
+        maps = shjax.prefilter(
+            lighting, expansion, n_theta=96, n_phi=192, frame="global"
+        )
         pictures = {
-            f"SHRM, P = {p}": render.glossy(ball, maps, frame="global"),
+            f"SHRM, P = {p}": render.image(ball, maps),
             "twelve maps (Cabral)": cabral(ball, maps),
         }
         data[name] = {k: rms(picture, exact) for k, picture in pictures.items()}

@@ -113,13 +113,18 @@ def run(count: int, seed: int, folder: Path, progress=lambda done: None) -> dict
             progress(number)
     seconds = time.perf_counter() - start
     return {
-        "files": count, "seed": seed, "kinds of file": len(files), **outcomes,
-        "seconds": round(seconds, 1), "files per second": round(count / seconds, 1),
-        "longest, seconds": round(worst, 2), "crashes and hangs": crashed[:50],
+        "files": count,
+        "seed": seed,
+        "kinds of file": len(files),
+        **outcomes,
+        "seconds": round(seconds, 1),
+        "files per second": round(count / seconds, 1),
+        "longest, seconds": round(worst, 2),
+        "crashes and hangs": crashed[:50],
         "machine": f"{platform.machine()}, {platform.system()}, Python "
         f"{platform.python_version()}",
         "versions": {"shjax": shjax.__version__, "OpenEXR": OpenEXR.__version__},
-    }  # fmt: skip
+    }
 
 
 def main() -> None:
@@ -132,9 +137,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, Progress(transient=True) as bar:
         task = bar.add_task("files", total=options.count)
         result = run(
-            options.count, options.seed, Path(folder),
+            options.count,
+            options.seed,
+            Path(folder),
             lambda done: bar.update(task, completed=done),
-        )  # fmt: skip
+        )
     isolation.stop()
     print(json.dumps(result, indent=1))
     if options.out is not None:

@@ -22,8 +22,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import shjax
-from experiments.versions import versions
-from shjax import io
+from experiments.versions import versions_line
+from experiments.writing import markdown_table, write_result
 from shjax.sphere import fibonacci_directions, latlong_directions, latlong_solid_angles
 
 
@@ -110,9 +110,13 @@ def _layer(roughness: float) -> Callable[[type], np.ndarray]:
         views = NORMALS + 0.3 * np.roll(NORMALS, 1, axis=0)
         views /= np.linalg.norm(views, axis=1, keepdims=True)
         shaded = shjax.shade(
-            light, jnp.asarray(NORMALS, dtype), jnp.asarray(views, dtype), albedo=[0.9] * 3,
-            roughness=roughness, metallic=1.0,
-        )  # fmt: skip
+            light,
+            jnp.asarray(NORMALS, dtype),
+            jnp.asarray(views, dtype),
+            albedo=[0.9] * 3,
+            roughness=roughness,
+            metallic=1.0,
+        )
         return np.asarray(shaded)
 
     return run
@@ -127,8 +131,7 @@ def _grazing(dtype) -> np.ndarray:
     views = tangent / np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-3 * NORMALS
     views /= np.linalg.norm(views, axis=1, keepdims=True)
     n, v = jnp.asarray(NORMALS, dtype), jnp.asarray(views, dtype)
-    mirrored = 2 * jnp.sum(n * v, axis=-1, keepdims=True) * n - v
-    return np.asarray(shjax.shrm.radiance(maps, mirrored, v))
+    return np.asarray(maps.radiance(n, v))
 
 
 def _beyond(dtype) -> np.ndarray:
@@ -204,26 +207,26 @@ def run(cases: list[Case] = CASES) -> list[dict]:
 
 def markdown(rows: list[dict]) -> str:
     """The page."""
-    about = ", ".join(f"{k} {v}" for k, v in versions().items())
-    lines = ["# Hard cases", "", (__doc__ or "").split("\n\n")[2], "", about, ""]
-    lines += [
-        "| case | result | float32 - float64 | float64 - exact |",
-        "|---" * 4 + "|",
-    ]
-    for row in rows:
-        numbers = (
-            f"{row[key]:.1e}" if key in row else ""
-            for key in ("float32 - float64", "float64 - exact")
-        )
-        lines.append(f"| {row['case']} | {row['result']} | {' | '.join(numbers)} |")
+    names = ("float32 - float64", "float64 - exact")
+    cells = (
+        [
+            row["case"],
+            row["result"],
+            *(f"{row[key]:.1e}" if key in row else "" for key in names),
+        ]
+        for row in rows
+    )
     pole = latlong_solid_angles(4096, 8192)[0]
-    lines += [
-        "",
-        "Below roughness 0.25 the lighting layer draws what it draws at 0.25. A polar "
-        f"pixel of the largest panorama covers {pole:.1e} steradians.",
-        "",
-    ]
-    return "\n".join(lines)
+    return "\n\n".join(
+        [
+            "# Hard cases",
+            (__doc__ or "").split("\n\n")[2],
+            versions_line(),
+            markdown_table(["case", "result", *names], cells),
+            "Below roughness 0.25 the lighting layer draws what it draws at 0.25. A polar "
+            f"pixel of the largest panorama covers {pole:.1e} steradians.",
+        ]
+    )
 
 
 @click.command()
@@ -231,9 +234,7 @@ def markdown(rows: list[dict]) -> str:
 def main(out: Path) -> None:
     """Write hard_cases.md."""
     jax.config.update("jax_enable_x64", True)
-    text = markdown(run())
-    io.write_text(out / "hard_cases.md", text)
-    print(text)
+    write_result(out, "hard_cases", markdown(run()))
 
 
 if __name__ == "__main__":

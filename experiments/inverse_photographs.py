@@ -24,7 +24,8 @@ import OpenImageIO as oiio
 
 import shjax
 from experiments.data import data_folder
-from experiments.versions import versions
+from experiments.versions import versions_line
+from experiments.writing import markdown_table, write_result
 from shjax.inverse import decode
 
 CENTRE, RADIUS = (244.5, 144.5), 108
@@ -90,10 +91,6 @@ def main(out: Path | None) -> None:
     shown = np.any(normals != 0, axis=-1)
     row, column = np.nonzero(shown)
     half = (row + column) % 2 == 0
-    lines = [
-        "| photograph | sphere, held-out RMSE | buddha, relative RMSE |",
-        "|---|---|---|",
-    ]
     sphere_errors, statue_errors, found = [], [], []
     for k in range(12):
         radiance, good = linear(ball[k])[shown], lit(ball[k])[shown]
@@ -118,18 +115,21 @@ def main(out: Path | None) -> None:
         scale = _scale(found, others, turned, albedo, radiance, good)
         apart = (scale * made - seen)[use]
         statue_errors.append(np.sqrt(np.mean(apart**2)) / seen[use].mean())
-        lines.append(f"| {k} | {sphere_errors[k]:.2%} | {statue_errors[k]:.2%} |")
-    lines += [
-        "",
-        f"medians {np.median(sphere_errors):.2%} and {np.median(statue_errors):.2%}, "
-        f"largest {max(sphere_errors):.2%} and {max(statue_errors):.2%}",
-        "",
-        ", ".join(f"{k} {v}" for k, v in versions().items()),
+    head = ["photograph", "sphere, held-out RMSE", "buddha, relative RMSE"]
+    rows = [
+        [str(k), f"{a:.2%}", f"{b:.2%}"]
+        for k, (a, b) in enumerate(zip(sphere_errors, statue_errors, strict=True))
     ]
-    print("\n".join(lines))
-    if out is not None:
-        text = "# Light from photographs\n\n" + "\n".join(lines) + "\n"
-        shjax.io.write_text(out / "inverse_photographs.md", text)
+    text = "\n\n".join(
+        [
+            "# Light from photographs",
+            markdown_table(head, rows),
+            f"medians {np.median(sphere_errors):.2%} and {np.median(statue_errors):.2%}, "
+            f"largest {max(sphere_errors):.2%} and {max(statue_errors):.2%}",
+            versions_line(),
+        ]
+    )
+    write_result(out, "inverse_photographs", text)
 
 
 def _scale(found, others, normals, albedo, radiance, good) -> float:

@@ -20,7 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import shjax
 from experiments.data import data_folder
-from experiments.versions import versions
+from experiments.versions import versions_line
+from experiments.writing import markdown_table, write_result
 from shjax import render
 from tests.mitsuba import FRONT, environment
 
@@ -50,12 +51,7 @@ def main(out: Path | None) -> None:
         raise SystemExit(f"{renders} is missing; set SHJAX_DATA.")
     ball = render.sphere(128, FRONT)
     some = (slice(None, None, 2), slice(None, None, 2))
-    lines = [
-        "# Reflectance from pictures by another renderer, real_city, every fourth pixel",
-        "",
-        "| picture | model | n.v >= | truth | estimate | error | sd | flagged | s |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     panorama = environment(renders, "real_city", 512).astype(float)
     lighting = shjax.analyze(panorama, l_max=60)
     for name, model, degree, least, truth in CASES:
@@ -63,28 +59,42 @@ def main(out: Path | None) -> None:
         image = shjax.io.read_image(path).astype(float)
         start = time.perf_counter()
         found = shjax.estimate_brdf(
-            image[some], ball.normals[some], ball.views[some],
-            lighting[: (degree + 1) ** 2], model=model, least_cosine=least,
+            image[some],
+            ball.normals[some],
+            ball.views[some],
+            lighting[: (degree + 1) ** 2],
+            lobe=model,
+            min_cosine=least,
             mask=(np.asarray(ball.mask) == 1)[some],
-        )  # fmt: skip
+        )
         value = float(found.value[0, 0])
         spent = time.perf_counter() - start
         flagged = "" if found.ok else found.message
-        lines.append(
-            f"| {name} | {model} | {least} | {truth} | {value:.4g} | "
-            f"{value / truth - 1:+.2%} | {float(found.standard_deviation[0, 0]):.1g} | "
-            f"{flagged} | {spent:.1f} |"
+        rows.append(
+            [
+                name,
+                model,
+                str(least),
+                str(truth),
+                f"{value:.4g}",
+                f"{value / truth - 1:+.2%}",
+                f"{float(found.standard_deviation[0, 0]):.1g}",
+                flagged,
+                f"{spent:.1f}",
+            ]
         )
-        print(lines[-1], flush=True)
-    lines += [
-        "",
-        "Seconds include compilation. Mitsuba multiplies a masking term for light and",
-        "view; shjax takes them as correlated, which shows at grazing views of ggx 0.4.",
-        "",
-        ", ".join(f"{k} {v}" for k, v in versions().items()),
-    ]
-    if out is not None:
-        shjax.io.write_text(out / "inverse_reflectance.md", "\n".join(lines) + "\n")
+    head = ["picture", "lobe", "n.v >=", "truth", "estimate", "error", "sd", "flagged"]
+    text = "\n\n".join(
+        [
+            "# Reflectance from pictures by another renderer, real_city, every 4th pixel",
+            markdown_table([*head, "s"], rows),
+            "Seconds include compilation. Mitsuba multiplies a masking term for light "
+            "and view; shjax takes them as correlated, which shows at grazing views of "
+            "ggx 0.4.",
+            versions_line(),
+        ]
+    )
+    write_result(out, "inverse_reflectance", text)
 
 
 if __name__ == "__main__":

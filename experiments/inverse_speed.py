@@ -3,13 +3,12 @@
     python experiments/inverse_speed.py [--out experiments/results]
 
 Eleven thousand pixels in RGB, nine unknowns a channel; the design is not in NumPy's and
-SciPy's time, it is in ours. Each time is the least of several, after a first call.
+SciPy's time, it is in ours. Warm times are interleaved medians.
 """
 
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +20,10 @@ import scipy.optimize
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import shjax
-from experiments.versions import versions
+from experiments.timing import interleaved_medians, stopwatch
+from experiments.versions import versions_line
+from experiments.writing import markdown_table, write_result
 from shjax import render
-
-
-def least(function, repeats: int) -> tuple[float, float]:
-    """Seconds of the first call, and the least of the others."""
-    times = []
-    for _ in range(repeats + 1):
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        times.append(time.perf_counter() - start)
-    return times[0], min(times[1:])
 
 
 @click.command()
@@ -42,7 +33,7 @@ def main(out: Path | None) -> None:
     ball = render.sphere(128)
     lighting = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32)
     lighting[0] += 4
-    picture = np.asarray(render.lambertian(ball, lighting))
+    picture = np.asarray(render.image(ball, lighting))
     seen = (np.asarray(ball.mask) == 1) & (np.asarray(ball.normals)[..., 0] < -0.2)
     normals, values = np.asarray(ball.normals)[seen], picture[seen]
     gains = np.repeat([1, 2 / 3, 1 / 4], [1, 3, 5]).astype(np.float32)
@@ -73,23 +64,22 @@ def main(out: Path | None) -> None:
             lambda: jitted["picture"](*given)
         ),
     }
-    found = {name: least(function, 20) for name, function in cases.items()}
-    unit = found["numpy.linalg.lstsq"][1]
-    lines = [
-        f"# Lighting from {len(values)} pixels, RGB, float32",
-        "",
-        "| | warm, over NumPy's | warm, ms | first call, s |",
-        "|---|---|---|---|",
-        *(
-            f"| {name} | {warm / unit:.2f} | {1e3 * warm:.2f} | {first:.2f} |"
-            for name, (first, warm) in found.items()
-        ),
-        "",
-        ", ".join(f"{k} {v}" for k, v in versions().items()),
+    first = {name: stopwatch(function) for name, function in cases.items()}
+    warm = interleaved_medians(cases, 20)
+    unit = warm["numpy.linalg.lstsq"]
+    rows = [
+        [name, f"{t / unit:.2f}", f"{1e3 * t:.2f}", f"{first[name]:.2f}"]
+        for name, t in warm.items()
     ]
-    print("\n".join(lines))
-    if out is not None:
-        shjax.io.write_text(out / "inverse_speed.md", "\n".join(lines) + "\n")
+    head = ["", "warm, over NumPy's", "warm, ms", "first call, s"]
+    text = "\n\n".join(
+        [
+            f"# Lighting from {len(values)} pixels, RGB, float32",
+            markdown_table(head, rows),
+            versions_line(),
+        ]
+    )
+    write_result(out, "inverse_speed", text)
 
 
 if __name__ == "__main__":

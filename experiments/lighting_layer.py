@@ -25,24 +25,27 @@ import shjax
 from experiments.alternatives import split_sum
 from experiments.data import PANORAMAS, data_folder
 from experiments.versions import versions
+from experiments.writing import markdown_table, write_result
 from shjax import brdf, ibl, io, render
-from shjax.adapted import RANKS, family
-from shjax.adapted.ggx import locate, view_functions
-from shjax.adapted.ranks import orders_of, prior
-from shjax.adapted.single import view_kernels
 from shjax.brdf.quadrature import view_nodes
 from shjax.display import show_difference, tone_map
+from shjax.ibl.ggx_tables import ggx_tables, locate, view_functions
+from shjax.reflection.low_rank import view_kernels
+from shjax.reflection.ranks import RANKS, orders_of, prior
 
 L_MAX, VIEWS, ORDERS = 128, 96, 32
 THESIS = (2, 4, 8)
 # rms %, mean over alpha and worst, f0 0.04 and 1: LIGHTING_LAYER of the design papers.
 PRINTED = {
     "split-sum": (30.5, 24.6, 45, 56),
-    "thesis 9": (28.5, 10.8, 37, 18.5), "thesis 25": (17.5, 6.9, None, None),
+    "thesis 9": (28.5, 10.8, 37, 18.5),
+    "thesis 25": (17.5, 6.9, None, None),
     "thesis 81": (11.2, 4.0, None, None),
-    "adapted 4": (11.7, 8.7, 13.6, 16.6), "adapted 9": (5.4, 3.3, 7.1, 5.2),
-    "adapted 16": (3.5, 1.9, 5.4, 2.5), "adapted 21": (2.5, 1.4, 3.7, 2.0),
-}  # fmt: skip
+    "low-rank 4": (11.7, 8.7, 13.6, 16.6),
+    "low-rank 9": (5.4, 3.3, 7.1, 5.2),
+    "low-rank 16": (3.5, 1.9, 5.4, 2.5),
+    "low-rank 21": (2.5, 1.4, 3.7, 2.0),
+}
 THETA, WEIGHTS = view_nodes(VIEWS)
 TIMES = np.where(np.arange(ORDERS + 1) == 0, 1, 2)
 
@@ -53,9 +56,9 @@ def kernels_of(alpha: float, f0: float) -> np.ndarray:
     return view_kernels(surface, tuple(THETA.tolist()), L_MAX, ORDERS)[..., 0]
 
 
-def adapted(alpha: float, f0: float, maps: int) -> np.ndarray:
+def low_rank(alpha: float, f0: float, maps: int) -> np.ndarray:
     """The same as the shipped tables hold it, read in float32."""
-    fit = family(maps)
+    fit = ggx_tables(maps)
     rough = locate(jnp.full(VIEWS, alpha, jnp.float32))
     cosine = jnp.asarray(np.cos(THETA / 2), jnp.float32)
     base, slope = (np.asarray(a, float) for a in view_functions(fit, rough, cosine))
@@ -108,7 +111,7 @@ def methods(alpha: float, f0: float, kernel: np.ndarray) -> dict[str, np.ndarray
     """Every method's kernel."""
     found = {"split-sum": split(kernel, alpha)}
     found |= {f"thesis {(p + 1) ** 2}": thesis(kernel, p) for p in THESIS}
-    return found | {f"adapted {n}": adapted(alpha, f0, n) for n in RANKS}
+    return found | {f"low-rank {n}": low_rank(alpha, f0, n) for n in RANKS}
 
 
 def all_roughnesses(count: int = 17) -> dict:
@@ -157,7 +160,7 @@ def lights_split(folder: Path, alpha: float = 0.2, f0: float = 0.04) -> dict:
         envmap = io.read_envmap(folder / name)
         rests = {n: shjax.split_lights(envmap, max_lights=n) for n in (0, 1, 4)}
         spectra = {n: spectrum(r.lighting(l_max=L_MAX)) for n, (_, r) in rests.items()}
-        for method in ("split-sum", "thesis 9", "adapted 9"):
+        for method in ("split-sum", "thesis 9", "low-rank 9"):
             found.setdefault(name, {})[method] = {
                 n: 100 * rms(kernel, held[method], lost, spectra[0])
                 for n, lost in spectra.items()
@@ -167,7 +170,7 @@ def lights_split(folder: Path, alpha: float = 0.2, f0: float = 0.04) -> dict:
 
 
 def single_materials(folder: Path) -> dict:
-    """Rms of bases fitted to one BRDF each (:func:`shjax.adapt`), under 1/l^2."""
+    """Rms of low-rank fits of one BRDF each, under 1/l^2."""
     curet = folder / "curet"
     skin = json.loads((folder / "cornell_lafortune.json").read_text())["materials"][
         "skin"
@@ -184,12 +187,12 @@ def single_materials(folder: Path) -> dict:
     for name, model in models.items():
         row: dict[str, float] = {}
         for maps in RANKS:
-            fit = shjax.adapt(model, maps=maps, l_max=L_MAX)
+            fit = shjax.reflection.fit_low_rank(model, maps=maps, l_max=L_MAX)
             lost, whole = (
                 float(np.sum(weight[:, None] * np.asarray(a, float)))
                 for a in (fit.lost, fit.energy)
             )
-            row[f"adapted {maps}"] = 100 * float(np.sqrt(lost / whole))
+            row[f"low-rank {maps}"] = 100 * float(np.sqrt(lost / whole))
         kernel = view_kernels(model, tuple(THETA.tolist()), L_MAX, ORDERS)
         for p in THESIS:
             parts = [kernel[..., c] for c in range(kernel.shape[-1])]
@@ -249,18 +252,21 @@ def _draw(gbuffer, envmap, surface, roughness) -> dict[str, np.ndarray]:
     flat = [gbuffer.normals.reshape(n, 3), gbuffer.views.reshape(n, 3)]
     zero = jnp.zeros(n, jnp.float32)
     simple = split_sum.shade(
-        split_sum.prefilter(coefs), *flat, albedo=jnp.zeros((n, 3), jnp.float32),
-        roughness=zero + roughness, metallic=zero,
-    )  # fmt: skip
+        split_sum.prefilter(coefs),
+        *flat,
+        albedo=jnp.zeros((n, 3), jnp.float32),
+        roughness=zero + roughness,
+        metallic=zero,
+    )
     mask = np.asarray(gbuffer.mask)[..., None]
     found["split-sum"] = np.asarray(simple).reshape(*shape, 3) * mask
     rho = shjax.brdf_coefs(surface, l_max=64, p_max=2, accuracy=1e-4)
     maps = shjax.prefilter(coefs[: 65**2], rho.astype(coefs.dtype))
-    found["thesis 9"] = np.asarray(render.glossy(gbuffer, maps))
+    found["thesis 9"] = np.asarray(render.image(gbuffer, maps))
     for lights in (0, 1):
         light = ibl.prefilter_light(envmap, maps=9, max_lights=lights)
         values = ibl.shade(light, gbuffer.normals, gbuffer.views, **black)
-        found[f"adapted 9, {lights} light"] = np.asarray(values) * mask
+        found[f"low-rank 9, {lights} light"] = np.asarray(values) * mask
     return found
 
 
@@ -296,53 +302,56 @@ def run(out: Path | None = None, count: int = 17, size: int = 160) -> dict:
 
 def markdown(result: dict) -> str:
     """The tables as text."""
-    lines = [
-        "# The lighting layer beside split-sum and the SHRM",
-        "",
-        __doc__ or "",
-        "",
-    ]
-    lines += ["## rms %, 1/l^2 light, over alpha = 1 ... 1/16", ""]
-    lines += [
-        "| | mean, f0 .04 / 1 | worst | printed mean | printed worst |",
-        "|---|---|---|---|---|",
-    ]
+    parts = ["# The lighting layer beside split-sum and the SHRM", __doc__ or ""]
+    rows = []
     for name, row in result["one over l squared"].items():
         a, b, c, d = PRINTED[name]
-        lines.append(
-            f"| {name} | {row['mean 0.04']:.1f} / {row['mean 1']:.1f} | "
-            f"{row['worst 0.04']:.1f} / {row['worst 1']:.1f} | {a} / {b} | "
-            f"{c or '-'} / {d or '-'} |"
-        )
-    lines += ["", "## rms %, mean over eight panoramas, suns left in, GGX 0.2", ""]
-    lines += ["| | f0 .04 | f0 1 |", "|---|---|---|"]
-    for name, row in result["panoramas, GGX 0.2"].items():
-        lines.append(f"| {name} | {row['0.04']:.1f} | {row['1']:.1f} |")
-    lines += [
-        "",
-        "## rms %, 0 / 1 / 4 lights split off, GGX 0.2, f0 .04",
-        "",
+        means = f"{row['mean 0.04']:.1f} / {row['mean 1']:.1f}"
+        worst = f"{row['worst 0.04']:.1f} / {row['worst 1']:.1f}"
+        rows.append([name, means, worst, f"{a} / {b}", f"{c or '-'} / {d or '-'}"])
+    head = ["", "mean, f0 .04 / 1", "worst", "printed mean", "printed worst"]
+    parts += [
+        "## rms %, 1/l^2 light, over alpha = 1 ... 1/16",
+        markdown_table(head, rows),
     ]
-    lines += ["| | split-sum | thesis 9 | adapted 9 |", "|---|---|---|---|"]
-    for name, row in result["split, GGX 0.2, f0 0.04"].items():
-        cells = [
-            " / ".join(f"{value:.1f}" for value in row[m].values())
-            for m in ("split-sum", "thesis 9", "adapted 9")
+    rows = [
+        [name, f"{row['0.04']:.1f}", f"{row['1']:.1f}"]
+        for name, row in result["panoramas, GGX 0.2"].items()
+    ]
+    parts += [
+        "## rms %, mean over eight panoramas, suns left in, GGX 0.2",
+        markdown_table(["", "f0 .04", "f0 1"], rows),
+    ]
+    methods = ("split-sum", "thesis 9", "low-rank 9")
+    rows = [
+        [
+            f"{name} ({row['lights found']} found)",
+            *(" / ".join(f"{x:.1f}" for x in row[m].values()) for m in methods),
         ]
-        lines.append(f"| {name} ({row['lights found']} found) | {' | '.join(cells)} |")
+        for name, row in result["split, GGX 0.2, f0 0.04"].items()
+    ]
+    parts += [
+        "## rms %, 0 / 1 / 4 lights split off, GGX 0.2, f0 .04",
+        markdown_table(["", *methods], rows),
+    ]
     if "single materials" in result:
         names = list(next(iter(result["single materials"].values())))
-        lines += ["", "## rms %, bases fitted to one BRDF, 1/l^2 light", ""]
-        lines += [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
-        for name, row in result["single materials"].items():
-            cells = " | ".join(f"{row[key]:.1f}" for key in names)
-            lines.append(f"| {name} | {cells} |")
+        rows = [
+            [name, *(f"{row[key]:.1f}" for key in names)]
+            for name, row in result["single materials"].items()
+        ]
+        parts += [
+            "## rms %, bases fitted to one BRDF, 1/l^2 light",
+            markdown_table(["", *names], rows),
+        ]
     if "pictures, GGX 0.2, f0 0.04" in result:
-        lines += ["", "## rms % of pictures", "", "| | error |", "|---|---|"]
-        for name, row in result["pictures, GGX 0.2, f0 0.04"].items():
-            for method, value in row.items():
-                lines.append(f"| {name}: {method} | {value:.1f} |")
-    return "\n".join(lines) + "\n"
+        rows = [
+            [f"{name}: {method}", f"{value:.1f}"]
+            for name, row in result["pictures, GGX 0.2, f0 0.04"].items()
+            for method, value in row.items()
+        ]
+        parts += ["## rms % of pictures", markdown_table(["", "error"], rows)]
+    return "\n\n".join(parts)
 
 
 @click.command()
@@ -351,9 +360,7 @@ def main(out: Path) -> None:
     """Write lighting_layer.md, .json and two PNGs."""
     out.mkdir(parents=True, exist_ok=True)
     result = run(out)
-    io.write_text(out / "lighting_layer.json", json.dumps(result, indent=1) + "\n")
-    io.write_text(out / "lighting_layer.md", markdown(result))
-    print(markdown(result))
+    write_result(out, "lighting_layer", markdown(result), result)
 
 
 if __name__ == "__main__":

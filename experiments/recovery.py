@@ -12,7 +12,6 @@ are four, or one view would not tell light from albedo.
 from __future__ import annotations
 
 import functools
-import json
 import sys
 from pathlib import Path
 
@@ -28,6 +27,7 @@ import shjax
 from experiments.alternatives import split_sum
 from experiments.data import data_folder
 from experiments.versions import versions
+from experiments.writing import markdown_table, write_result
 from shjax import ibl, io, render
 from shjax.brdf import lambertian
 from shjax.brdf.core import make_brdf
@@ -93,18 +93,26 @@ def by_layer(scene: _Scene, guess: dict) -> jax.Array:
     albedo, roughness = fields(scene.basis, guess)
     light = ibl.prefilter_light(guess["light"], maps=9)
     return ibl.shade(
-        light, scene.normals, scene.views, albedo=albedo, roughness=roughness,
+        light,
+        scene.normals,
+        scene.views,
+        albedo=albedo,
+        roughness=roughness,
         metallic=METALLIC,
-    )  # fmt: skip
+    )
 
 
 def by_split_sum(scene: _Scene, guess: dict) -> jax.Array:
     """The same by split-sum."""
     albedo, roughness = fields(scene.basis, guess)
     return split_sum.shade(
-        split_sum.prefilter(guess["light"]), scene.normals, scene.views,
-        albedo=albedo, roughness=roughness, metallic=jnp.full_like(roughness, METALLIC),
-    )  # fmt: skip
+        split_sum.prefilter(guess["light"]),
+        scene.normals,
+        scene.views,
+        albedo=albedo,
+        roughness=roughness,
+        metallic=jnp.full_like(roughness, METALLIC),
+    )
 
 
 def recover(scene: _Scene, forward, steps: int) -> dict:
@@ -181,24 +189,25 @@ def run(size: int = 24, steps: int = 2000, seed: int = 4) -> dict:
 def markdown(result: dict) -> str:
     """The table as text."""
     names = list(result["start"])
-    lines = ["# Recovery by gradient descent", "", __doc__ or "", ""]
-    lines += [f"{result['points']} points, {result['steps']} steps of Adam.", ""]
-    lines += [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
-    for method in ("start", "split-sum", "lighting layer"):
-        cells = " | ".join(f"{result[method][name]:.4f}" for name in names)
-        lines.append(f"| {method} | {cells} |")
-    return "\n".join(lines) + "\n"
+    rows = [
+        [method, *(f"{result[method][name]:.4f}" for name in names)]
+        for method in ("start", "split-sum", "lighting layer")
+    ]
+    return "\n\n".join(
+        [
+            f"# Recovery by gradient descent\n\n{__doc__ or ''}",
+            f"{result['points']} points, {result['steps']} steps of Adam.",
+            markdown_table(["", *names], rows),
+        ]
+    )
 
 
 @click.command()
 @click.option("--out", required=True, type=click.Path(path_type=Path))
 def main(out: Path) -> None:
     """Write recovery.md and .json."""
-    out.mkdir(parents=True, exist_ok=True)
     result = run()
-    io.write_text(out / "recovery.json", json.dumps(result, indent=1) + "\n")
-    io.write_text(out / "recovery.md", markdown(result))
-    print(markdown(result))
+    write_result(out, "recovery", markdown(result), result)
 
 
 if __name__ == "__main__":

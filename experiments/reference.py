@@ -8,6 +8,9 @@ that could be looked up.
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
+import sys
 from pathlib import Path
 
 import click
@@ -15,6 +18,10 @@ import pdoc
 import pdoc.doc
 import pdoc.doc_types
 import pdoc.render
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import shjax
 
 
 def build(out: Path) -> None:
@@ -30,6 +37,14 @@ def build(out: Path) -> None:
     pdoc.doc_types.safe_eval_type = as_written
     pdoc.doc.safe_eval_type = as_written
     pdoc.render.configure(docformat="google")
+    for name in shjax.__all__:  # those that are imported late, too
+        setattr(shjax, name, getattr(shjax, name))
+    for room in pkgutil.walk_packages(shjax.__path__, "shjax."):
+        parent, _, name = room.name.rpartition(".")
+        listed = getattr(sys.modules[parent], "__all__", None)
+        if listed is not None and name not in listed and "__" not in name:
+            importlib.import_module(room.name)
+            listed.append(name)  # pdoc writes pages of what is listed
     pdoc.pdoc("shjax", output_directory=out)
 
 

@@ -83,9 +83,14 @@ def run(
     file, cache = out / "results.json", out / "cache"
     steps = steps or methods.ALL
     about = {
-        "rows": rows, "pairs": pairs, "rounds": rounds, "seed": scenes.SEED,
-        "jobs": jobs, "steps": dataclasses.asdict(steps), "versions": versions(),
-    }  # fmt: skip
+        "rows": rows,
+        "pairs": pairs,
+        "rounds": rounds,
+        "seed": scenes.SEED,
+        "jobs": jobs,
+        "steps": dataclasses.asdict(steps),
+        "versions": versions(),
+    }
     result = {"about": about, "irradiance": {}, "glossy": {}, "memory": {}}
     if file.exists():
         result = json.loads(file.read_text())
@@ -182,9 +187,15 @@ def _irradiance(
 
 
 def _glossy(
-    name: str, panoramas: list[str], *, rows: int, pairs: int, rounds: int, cache: Path,
+    name: str,
+    panoramas: list[str],
+    *,
+    rows: int,
+    pairs: int,
+    rounds: int,
+    cache: Path,
     steps: methods.Steps,
-) -> dict[str, dict]:  # fmt: skip
+) -> dict[str, dict]:
     """Every method of a material, under each panorama."""
     from experiments.speed import methods, scenes
 
@@ -226,9 +237,13 @@ def _full_size(cache: Path, pairs: int) -> dict:
                 )
                 found[method.name][size] = row["rms"]
     return {
-        "panorama": "city", "columns": 2 * sizes["full"], "rows": sizes["full"],
-        "material": material.name, "pairs": min(pairs, 256), "methods": found,
-    }  # fmt: skip
+        "panorama": "city",
+        "columns": 2 * sizes["full"],
+        "rows": sizes["full"],
+        "material": material.name,
+        "pairs": min(pairs, 256),
+        "methods": found,
+    }
 
 
 def _memory(result, panorama: str, materials, cache: Path, keep, progress) -> None:
@@ -285,10 +300,18 @@ def main(out: Path, quick: bool, jobs: int, plots: bool) -> None:
             bar.console.print(text, markup=False, highlight=False)
             bar.update(task, description=text)
 
-        options = {} if full else {
-            "materials": scenes.QUICK_MATERIALS, "pairs": 512, "rounds": 1,
-            "steps": methods.FEW, "memory": False, "full_size": False,
-        }  # fmt: skip
+        options = (
+            {}
+            if full
+            else {
+                "materials": scenes.QUICK_MATERIALS,
+                "pairs": 512,
+                "rounds": 1,
+                "steps": methods.FEW,
+                "memory": False,
+                "full_size": False,
+            }
+        )
         options["jobs"] = jobs
         result = run(out, panoramas=panoramas, progress=progress, **options)
         bar.update(task, description="writing the report")

@@ -10,7 +10,6 @@ every method is compared at the rounded direction.
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
@@ -23,7 +22,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import shjax
-from experiments.versions import versions
+from experiments.versions import versions, versions_line
+from experiments.writing import markdown_table, write_result
 from shjax.harmonics import tables
 from shjax.harmonics.grid import make_grid
 
@@ -158,9 +158,10 @@ def exact_wigner_d(l: int, angle: float, pairs: np.ndarray) -> np.ndarray:
                 step /= 2 * n * (n + a + b) * (s - 2)
             last, value = value, step
         norm = mp.sqrt(
-            mp.factorial(l + m) * mp.factorial(l - m)
+            mp.factorial(l + m)
+            * mp.factorial(l - m)
             / (mp.factorial(l + q) * mp.factorial(l - q))
-        )  # fmt: skip
+        )
         power = mp.sin(beta / 2) ** a * mp.cos(beta / 2) ** b
         return sign * (-1) ** (a % 2) * norm * power * value
 
@@ -308,19 +309,17 @@ def run(count: int = 500) -> dict:
 
 def markdown(results: dict) -> str:
     """The tables."""
-    lines = ["# Digits kept on hard cases", ""]
-    lines += [", ".join(f"{k} {v}" for k, v in results["versions"].items()), ""]
+    parts = ["# Digits kept on hard cases", versions_line(results["versions"])]
     for title in ("harmonics", "Wigner d", "coefficients", "rotations"):
         rows = results[title]
         names = list(dict.fromkeys(name for row in rows for name in row))
-        lines += [f"## {title}", "", f"| {' | '.join(names)} |"]
-        lines.append("|" + "---|" * len(names))
-        for row in rows:
-            cells = (row.get(name, "") for name in names)
-            shown = (f"{c:.1e}" if isinstance(c, float) else str(c) for c in cells)
-            lines.append(f"| {' | '.join(shown)} |")
-        lines.append("")
-    return "\n".join(lines)
+        cells = ([_shown(row.get(name, "")) for name in names] for row in rows)
+        parts += [f"## {title}", markdown_table(names, cells)]
+    return "\n\n".join(parts)
+
+
+def _shown(cell: float | str) -> str:
+    return f"{cell:.1e}" if isinstance(cell, float) else str(cell)
 
 
 @click.command()
@@ -329,12 +328,7 @@ def markdown(results: dict) -> str:
 def main(count: int, out: Path | None) -> None:
     """Print the tables; with --out also write stability.md and stability.json."""
     results = run(count)
-    text = markdown(results)
-    print(text)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "stability.md").write_text(text)
-        (out / "stability.json").write_text(json.dumps(results, indent=1) + "\n")
+    write_result(out, "stability", markdown(results), results)
 
 
 if __name__ == "__main__":

@@ -26,17 +26,16 @@ import shjax
 from experiments.alternatives import importance
 from experiments.prefiltering import (
     SIZE,
-    about,
     importance_at,
     light,
-    markdown,
     rms,
     samples_of,
-    seconds,
-    write,
 )
+from experiments.timing import median_seconds
+from experiments.versions import versions_line
+from experiments.writing import markdown_table, write_result
 from shjax import brdf
-from shjax.brdf.quadrature import lobe_angle
+from shjax.brdf.flux import lobe_angle
 from shjax.sphere import latlong_directions
 
 PAPER = {8: 830.6, 16: 333.6, 32: 137.1, 64: 52.6, 128: 21.9, 256: 7.7, 512: 3.3}
@@ -44,9 +43,9 @@ PAPER = {8: 830.6, 16: 333.6, 32: 137.1, 64: 52.6, 128: 21.9, 256: 7.7, 512: 3.3
 
 def frequency(panorama: jax.Array, exponent: float, f: int) -> jax.Array:
     """The reflection map by harmonics."""
-    gains = shjax.radial_coefs(brdf.phong(exponent), l_max=f)
+    gains = shjax.brdf.radial_coefs(brdf.phong(exponent), l_max=f)
     size = panorama.shape[0]
-    reflected = shjax.convolve(shjax.analyze(panorama, l_max=f), gains)
+    reflected = shjax.reflection.convolve(shjax.analyze(panorama, l_max=f), gains)
     return shjax.synthesize(reflected, n_theta=size, n_phi=panorama.shape[1])
 
 
@@ -67,21 +66,32 @@ def run(size: int = SIZE, exponents: tuple[int, ...] = tuple(PAPER)) -> dict:
             )
 
         error = rms(quick(panorama).reshape(-1, 3), exact)
-        slow, fast = seconds(angular, 3), seconds(lambda q=quick: q(panorama), 9)
+        slow = median_seconds(angular, 3)
+        fast = median_seconds(lambda q=quick: q(panorama), 9)
         width = (1 - math.cos(lobe_angle(model, 0.95))) / 2
         sampled = importance_at(
-            error, panorama, model, towards, towards,
-            lambda n, s=s: functools.partial(_draw, float(s), n), exact,
-        )  # fmt: skip
+            error,
+            panorama,
+            model,
+            towards,
+            towards,
+            lambda n, s=s: functools.partial(_draw, float(s), n),
+            exact,
+        )
         rows.append(
             {
-                "s": s, "F": f, "angular": slow, "frequency": fast,
-                "ratio": slow / fast, "paper": PAPER.get(s),
-                "error": error, "angular_error": rms(angular(), exact),
+                "s": s,
+                "F": f,
+                "angular": slow,
+                "frequency": fast,
+                "ratio": slow / fast,
+                "paper": PAPER.get(s),
+                "error": error,
+                "angular_error": rms(angular(), exact),
                 "samples_per_second": width * towards.shape[0] ** 2 / slow,
                 "importance": sampled,
             }
-        )  # fmt: skip
+        )
         print(f"s = {s}: {slow / fast:.1f}", file=sys.stderr)
     return {"size": size, "rows": rows}
 
@@ -93,10 +103,20 @@ def _draw(exponent: float, n: int, normals, views) -> importance.Drawn:
 def table(result: dict) -> str:
     """The rows as markdown."""
     heading = [
-        "s", "F", "angular, ms", "Msamples/s", "frequency, ms", "ratio", "paper",
-        "angular error", "frequency error", "FIS samples", "FIS, ms", "FIS error",
+        "s",
+        "F",
+        "angular, ms",
+        "Msamples/s",
+        "frequency, ms",
+        "ratio",
+        "paper",
+        "angular error",
+        "frequency error",
+        "FIS samples",
+        "FIS, ms",
+        "FIS error",
         "FIS over frequency",
-    ]  # fmt: skip
+    ]
     rows = []
     for row in result["rows"]:
         fis = row["importance"]
@@ -121,12 +141,12 @@ def table(result: dict) -> str:
         [
             "# Table 5.4: Phong, angular over frequency",
             "",
-            about(),
+            versions_line(),
             "",
             "Angular and frequency at their own errors (rms against the whole integral); "
             "importance sampling (FIS) at frequency's error, or its best to 1024 samples.",
             "",
-            markdown(heading, rows),
+            markdown_table(heading, rows),
         ]
     )
 
@@ -136,7 +156,7 @@ def table(result: dict) -> str:
 def main(out: Path | None) -> None:
     """Print the table, and write it where asked."""
     result = run()
-    write(out, "table_5_4", result, table(result))
+    write_result(out, "table_5_4", table(result), result)
 
 
 if __name__ == "__main__":

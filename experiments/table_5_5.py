@@ -26,24 +26,25 @@ import shjax
 from experiments.alternatives import importance
 from experiments.prefiltering import (
     SIZE,
-    about,
     importance_at,
     light,
-    markdown,
     rms,
     samples_of,
-    seconds,
-    write,
 )
-from shjax import brdf, shrm
+from experiments.timing import median_seconds
+from experiments.versions import versions_line
+from experiments.writing import markdown_table, write_result
+from shjax import brdf, reflection
 from shjax.sphere import latlong_directions
 
 # sigma: F, P, angular time an image, frequency time, SHRM time [T5, Table 5.5]
 PAPER = {
-    0.1: (24, 3, 9.23, 2.70, 1.55), 0.2: (12, 2, 27.44, 1.55, 0.72),
-    0.3: (7, 2, 57.31, 1.49, 0.67), 0.4: (5, 2, 90.34, 1.47, 0.65),
+    0.1: (24, 3, 9.23, 2.70, 1.55),
+    0.2: (12, 2, 27.44, 1.55, 0.72),
+    0.3: (7, 2, 57.31, 1.49, 0.67),
+    0.4: (5, 2, 90.34, 1.47, 0.65),
     0.5: (5, 2, 125.80, 1.45, 0.64),
-}  # fmt: skip
+}
 VIEWS = 10
 
 
@@ -52,7 +53,7 @@ def run(size: int = SIZE, sigmas: tuple[float, ...] = tuple(PAPER)) -> dict:
     panorama = light(size)
     towards = latlong_directions(size, size).reshape(-1, 3)
     directions = jnp.asarray(towards, jnp.float32)
-    local = shrm.view_grid(VIEWS)
+    local = reflection.view_grid(VIEWS)
     chosen = local[1, 3]  # 27 degrees from R: 13 from the normal
     phi = np.arctan2(towards[:, 1], towards[:, 0])
     theta = np.arctan2(np.hypot(towards[:, 0], towards[:, 1]), towards[:, 2])
@@ -68,14 +69,14 @@ def run(size: int = SIZE, sigmas: tuple[float, ...] = tuple(PAPER)) -> dict:
         @jax.jit
         def make(map_, f=f, rho=rho):
             lighting = shjax.analyze(map_, l_max=f)
-            return shrm.prefilter(lighting, rho, n_theta=size, n_phi=size)
+            return shjax.prefilter(lighting, rho, n_theta=size, n_phi=size)
 
         @jax.jit
         def explicit(map_, make=make):
-            return shrm.view_maps(make(map_), jnp.asarray(local, jnp.float32))
+            return reflection.view_maps(make(map_), jnp.asarray(local, jnp.float32))
 
         exact = shjax.reference_reflection(panorama, model, normals, views)
-        one = shrm.dynamic_map(make(panorama), jnp.asarray(chosen, jnp.float32))
+        one = reflection.view_maps(make(panorama), jnp.asarray(chosen, jnp.float32))
         error = rms(one.reshape(-1, 3), exact)
 
         def angular(model=model):
@@ -84,22 +85,32 @@ def run(size: int = SIZE, sigmas: tuple[float, ...] = tuple(PAPER)) -> dict:
             )
 
         times = {
-            "angular_image": seconds(angular, 3),
-            "shrm": seconds(lambda m=make: m(panorama), 9),
-            "frequency": seconds(lambda e=explicit: e(panorama), 3),
-            "coefficients": seconds(
+            "angular_image": median_seconds(angular, 3),
+            "shrm": median_seconds(lambda m=make: m(panorama), 9),
+            "frequency": median_seconds(lambda e=explicit: e(panorama), 3),
+            "coefficients": median_seconds(
                 lambda m=model, f=f, p=p: shjax.brdf_coefs(m, l_max=f, p_max=p), 3
             ),
         }
         sampled = importance_at(
-            error, panorama, model, normals, views,
-            lambda n, s=sigma: functools.partial(importance.draw_microfacet, float(s), n),
+            error,
+            panorama,
+            model,
+            normals,
+            views,
+            lambda n, s=sigma: functools.partial(
+                importance.draw_microfacet, float(s), n
+            ),
             exact,
-        )  # fmt: skip
+        )
         count = VIEWS**2
         rows.append(
             {
-                "sigma": sigma, "F": f, "P": p, **times, "error": error,
+                "sigma": sigma,
+                "F": f,
+                "P": p,
+                **times,
+                "error": error,
                 "angular_error": rms(angular(), exact),
                 "ratio": count * times["angular_image"] / times["frequency"],
                 "paper": count * image / whole,
@@ -107,7 +118,7 @@ def run(size: int = SIZE, sigmas: tuple[float, ...] = tuple(PAPER)) -> dict:
                 "paper_image_over_shrm": image / own,
                 "importance": sampled,
             }
-        )  # fmt: skip
+        )
         print(f"sigma = {sigma}: {rows[-1]['ratio']:.0f}", file=sys.stderr)
     return {"size": size, "views": VIEWS**2, "rows": rows}
 
@@ -122,10 +133,22 @@ def _spherical_frames(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
 def table(result: dict) -> str:
     """The rows as markdown."""
     heading = [
-        "sigma", "F, P", "angular map, ms", "SHRM, ms", "SHRM + 100 maps, ms", "rho, ms",
-        "ratio", "paper", "angular map over SHRM", "paper", "angular error", "SHRM error",
-        "FIS samples", "FIS map, ms", "FIS error",
-    ]  # fmt: skip
+        "sigma",
+        "F, P",
+        "angular map, ms",
+        "SHRM, ms",
+        "SHRM + 100 maps, ms",
+        "rho, ms",
+        "ratio",
+        "paper",
+        "angular map over SHRM",
+        "paper",
+        "angular error",
+        "SHRM error",
+        "FIS samples",
+        "FIS map, ms",
+        "FIS error",
+    ]
     rows = []
     for row in result["rows"]:
         fis = row["importance"]
@@ -152,12 +175,12 @@ def table(result: dict) -> str:
         [
             "# Table 5.5: microfacet model, angular over frequency",
             "",
-            about(),
+            versions_line(),
             "",
             "Ratio: a hundred angular maps (one timed) over SHRM and 100 maps from it. "
             "Errors (rms, one view 13 degrees from the normal) against the whole integral.",
             "",
-            markdown(heading, rows),
+            markdown_table(heading, rows),
         ]
     )
 
@@ -167,7 +190,7 @@ def table(result: dict) -> str:
 def main(out: Path | None) -> None:
     """Print the table, and write it where asked."""
     result = run()
-    write(out, "table_5_5", result, table(result))
+    write_result(out, "table_5_5", table(result), result)
 
 
 if __name__ == "__main__":

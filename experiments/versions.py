@@ -12,9 +12,18 @@ from pathlib import Path
 def versions() -> dict[str, str]:
     """What ran, and where."""
     names = (
-        "jax", "jaxlib", "numpy", "scipy", "mpmath", "ducc0", "s2fft", "shtns",
-        "sphericart-jax", "torch", "torch-harmonics",
-    )  # fmt: skip
+        "jax",
+        "jaxlib",
+        "numpy",
+        "scipy",
+        "mpmath",
+        "ducc0",
+        "s2fft",
+        "shtns",
+        "sphericart-jax",
+        "torch",
+        "torch-harmonics",
+    )
     found = {}
     for name in names:
         try:
@@ -34,3 +43,8 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         **found,
     }
+
+
+def versions_line(found: dict[str, str] | None = None) -> str:
+    """What ran, and where, in one line; of a result where its versions are given."""
+    return ", ".join(f"{k} {v}" for k, v in (found or versions()).items())

@@ -7,7 +7,9 @@ float32, and integers are refused, since an 8-bit picture is not linear light.
 
 from __future__ import annotations
 
-from typing import TypeAlias
+import functools
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -16,9 +18,23 @@ from jax.core import Tracer
 
 Array: TypeAlias = jax.Array | np.ndarray
 
+# Products in full precision: a GPU's or TPU's default rounds the factors to 10 bits or 8.
+einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+STATIC = {"static": True}  # marks a field of a pytree's dataclass that is no array
+
 
 def as_float(name: str, value) -> jax.Array:
     """Return ``value`` as a float32 or float64 JAX array.
+
+    Raises:
+        ValueError: If ``value`` does not hold real floating-point numbers.
+    """
+    return jnp.asarray(value, float_type(name, value))
+
+
+def float_type(name: str, value) -> np.dtype:
+    """Type in which arithmetic on an argument is done: float32 or float64.
 
     Raises:
         ValueError: If ``value`` does not hold real floating-point numbers.
@@ -27,25 +43,27 @@ def as_float(name: str, value) -> jax.Array:
     if not jnp.issubdtype(given, jnp.floating):
         raise ValueError(f"{name} must hold floating-point numbers; got {given}.")
     widened = jnp.float32 if jnp.finfo(given).bits < 32 else given
-    return jnp.asarray(value, jax.dtypes.canonicalize_dtype(widened))
+    return jax.dtypes.canonicalize_dtype(widened)
 
 
 def shape_of(name: str, array) -> tuple[int, ...]:
-    """The shape of an argument that must be an array, traced or not.
+    """Shape of an argument that must be an array, traced or not.
 
     Raises:
         ValueError: If it is a list, a number, another library's tensor, ...
     """
     if not isinstance(array, jax.Array | np.ndarray):
         kind = f"{type(array).__module__}.{type(array).__name__}"
+        hint = getattr(type(array), "in_place_of_array", "")
         raise ValueError(
-            f"{name} must be a JAX or NumPy array; got {kind.removeprefix('builtins.')}."
+            f"{name} must be a JAX or NumPy array; got "
+            f"{kind.removeprefix('builtins.')}{hint and f': {hint}'}."
         )
     return array.shape
 
 
 def check_floating(name: str, array) -> None:
-    """Refuse whole numbers and other kinds: an 8-bit picture is not linear light.
+    """Refuse integers and other types: an 8-bit picture is not linear light.
 
     Raises:
         ValueError: If an array does not hold real floating-point numbers.
@@ -57,7 +75,7 @@ def check_floating(name: str, array) -> None:
 def check_channels(
     name: str, array, leading: str, rank: int, *, batch: bool = True
 ) -> None:
-    """Refuse what is no array of floats, or lacks its channel axis or one in front of it.
+    """Refuse what is no floating-point array, or lacks a channel axis or one before it.
 
     Args:
         name: The argument's name, for the message.
@@ -78,7 +96,7 @@ def check_channels(
 
 
 def known_values(name: str, array) -> np.ndarray:
-    """An argument's values, for functions that choose by them.
+    """Values of an argument, for functions that choose by them.
 
     Args:
         name: The argument's name, for the message.
@@ -107,14 +125,17 @@ def check_vectors(name: str, array) -> None:
     check_floating(name, array)
 
 
-def check_samples(radiance, directions, weights, *, batch: bool = False) -> None:
-    """Refuse samples of a light that do not fit each other.
+def check_samples(
+    radiance, directions, weights, *, batch: bool = False, weights_name: str = "weights"
+) -> None:
+    """Refuse light samples whose shapes do not fit each other.
 
     Args:
         radiance: ``(N, C)``, or ``(..., N, C)`` with ``batch``.
         directions: ``(N, 3)``.
         weights: ``(N,)``.
         batch: Whether axes in front are allowed.
+        weights_name: What the weights are called.
 
     Raises:
         ValueError: If one is no array, or does not have that shape.
@@ -123,7 +144,7 @@ def check_samples(radiance, directions, weights, *, batch: bool = False) -> None
     if not batch and radiance.ndim != 2:
         raise ValueError(f"radiance must have shape (N, C); got {radiance.shape}.")
     n = radiance.shape[-2]
-    fitting = {"directions": (directions, (n, 3)), "weights": (weights, (n,))}
+    fitting = {"directions": (directions, (n, 3)), weights_name: (weights, (n,))}
     for name, (array, shape) in fitting.items():
         if shape_of(name, array) != shape:
             raise ValueError(
@@ -132,21 +153,21 @@ def check_samples(radiance, directions, weights, *, batch: bool = False) -> None
         check_floating(name, array)
 
 
-def check_count(name: str, value, *, least: int = 1) -> int:
-    """A whole number of at least so much.
+def check_count(name: str, value, *, minimum: int = 1) -> int:
+    """Check an integer against its minimum.
 
     Raises:
         ValueError: Naming it, if it is something else.
     """
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or value < least:
-        rule = "positive" if least == 1 else f">= {least}"
-        raise ValueError(f"{name} must be a whole number, {rule}; got {value!r}.")
+    if not whole or value < minimum:
+        rule = "positive" if minimum == 1 else f">= {minimum}"
+        raise ValueError(f"{name} must be an integer, {rule}; got {value!r}.")
     return int(value)
 
 
 def as_number_or_float(name: str, value, dtype) -> jax.Array:
-    """A number of any kind, or an array of floating-point numbers, as a JAX array.
+    """Convert a number, or a floating-point array, to a JAX array.
 
     Whole Python numbers are numbers; an array of integers is refused, since an 8-bit
     picture is no albedo, mask or light. An array of booleans is a mask, of 0 and 1.
@@ -173,7 +194,7 @@ def as_number_or_float(name: str, value, dtype) -> jax.Array:
 
 
 def picture_size(size) -> tuple[int, int]:
-    """Height and width of a picture from a whole number or two.
+    """Height and width of a picture from an integer or two.
 
     Raises:
         ValueError: If they are not whole and positive.
@@ -188,7 +209,7 @@ def picture_size(size) -> tuple[int, int]:
         isinstance(n, whole) and not isinstance(n, bool) and n >= 1
         for n in (height, width)
     ):
-        raise ValueError(f"size must be positive, a whole number or two; got {size!r}.")
+        raise ValueError(f"size must be positive, an integer or two; got {size!r}.")
     return int(height), int(width)  # pyright: ignore[reportArgumentType]
 
 
@@ -199,6 +220,41 @@ def safe_sqrt(values: jax.Array) -> jax.Array:
 
 
 def in_blocks(rows: jax.Array, size: int) -> jax.Array:
-    """``(n, ...)`` as ``(blocks, size, ...)``, filled up with zeros."""
+    """Split rows ``(n, ...)`` into blocks ``(blocks, size, ...)``, padded with zeros."""
     padding = [(0, -rows.shape[0] % size)] + [(0, 0)] * (rows.ndim - 1)
     return jnp.pad(rows, padding).reshape(-1, size, *rows.shape[1:])
+
+
+def map_blocks(function: Callable[..., Any], rows: Any, size: int) -> Any:
+    """Apply a function to blocks of rows, one block at a time, and join the results.
+
+    Args:
+        function: From a block of ``rows`` to arrays of as many rows.
+        rows: Arrays ``(n, ...)``, a pytree; the last block is filled up with copies of
+            the first row: a unit vector of zeros has no derivative.
+        size: Rows of a block. Static.
+    """
+    n = jax.tree.leaves(rows)[0].shape[0]
+    size = min(size, max(n, 1))
+    count = -(-n // size)
+
+    def blocks(a: jax.Array) -> jax.Array:
+        filling = jnp.broadcast_to(a[:1], (count * size - n, *a.shape[1:]))
+        return jnp.concatenate([a, filling]).reshape(count, size, *a.shape[1:])
+
+    found = jax.lax.map(function, jax.tree.map(blocks, rows))
+    return jax.tree.map(lambda a: a.reshape(count * size, *a.shape[2:])[:n], found)
+
+
+def common_channels(light: int, material: int, name: str) -> int:
+    """Number of channels of a product; one channel of either serves all.
+
+    Raises:
+        ValueError: If both have several and they differ.
+    """
+    if light != material and 1 not in (light, material):
+        raise ValueError(
+            f"lighting and {name} must have the same number of channels, or one; got "
+            f"{light} and {material}."
+        )
+    return max(light, material)

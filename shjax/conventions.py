@@ -32,7 +32,7 @@ def _irradiance(l_max: int) -> np.ndarray:
 
 
 def _reflected(l_max: int) -> np.ndarray:
-    """Irradiance over pi: what a white matte surface sends back."""
+    """Irradiance over pi: what a white Lambertian surface sends back."""
     return _irradiance(l_max) / math.pi
 
 
@@ -51,7 +51,7 @@ def _shader(l_max: int) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Convention:
-    """How a tool stores the coefficients of a light.
+    """Convention by which a tool stores lighting coefficients: axes, signs, scale.
 
     Attributes:
         axes: Rows: the tool's x, y, z in the library's frame; None where no frame was
@@ -118,17 +118,19 @@ CONVENTIONS: dict[str, Convention] = {
 
 def convert(
     coefs: Float[Array, "*batch K C"],
-    *,
     to: str = "shjax",
+    *,
     from_: str = "shjax",
     axes: Float[Array, "3 3"] | None = None,
 ) -> Float[jax.Array, "*batch K C"]:
-    """Coefficients as another tool stores them, or the library's from another tool's.
+    """Convert lighting coefficients to another tool's convention, or from it.
 
     Args:
         coefs: What ``from_`` stores, ``(..., K, C)``, index ``l (l + 1) + m``.
-        to: A name in :data:`CONVENTIONS`, any case.
-        from_: A name in :data:`CONVENTIONS`, any case.
+        to: A name in :data:`CONVENTIONS`, in any case; ``"three"`` and ``"threejs"`` are
+            ``"three.js"``. three.js and the other tools of nine coefficients read the
+            first nine.
+        from_: A name, as ``to``.
         axes: Rows: the tool's x, y, z in the library's frame, for a tool without a
             measured frame (which must have it) or instead of a measured one. It belongs
             to the one of ``to`` and ``from_`` that is not ``"shjax"``.
@@ -177,10 +179,15 @@ def convert(
 
 
 def _named(argument: str, name: str) -> Convention:
-    if not isinstance(name, str) or name.lower() not in CONVENTIONS:
+    if isinstance(name, str):
+        name = _OTHER_NAMES.get(name.lower(), name.lower())
+    if name not in CONVENTIONS:
         known = ", ".join(CONVENTIONS)
         raise ValueError(f"{argument} must be one of {known}; got {name!r}.")
-    return CONVENTIONS[name.lower()]
+    return CONVENTIONS[name]
+
+
+_OTHER_NAMES = {"three": "three.js", "threejs": "three.js"}
 
 
 def _frame(tool: Convention, name: str) -> np.ndarray:

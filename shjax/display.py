@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from shjax.reference import LUMINANCE
+from shjax.arrays import check_channels, known_values
+from shjax.colour import LUMINANCE, decode_srgb, encode_srgb
 
 OPERATORS = ("reinhard", "linear", "aces")
 _ACES = ("sRGB - Display", "ACES 2.0 - SDR 100 nits (Rec.709)")
@@ -16,8 +17,9 @@ def tone_map(
     *,
     white: float | None = None,
     operator: str = "reinhard",
+    encode: bool = False,
 ) -> Float[np.ndarray, "H W C"]:
-    """Compress radiance to [0, 1].
+    """Tone-map linear radiance to [0, 1], as display light or as sRGB display values.
 
     Args:
         image: Linear light, Rec. 709 if it has three channels.
@@ -26,28 +28,33 @@ def tone_map(
             beside which a picture is to be compared need the same white.
         operator: ``"reinhard"`` [Reinhard et al. 2002, Eq. 4]; ``"linear"``, which clips;
             ``"aces"``, the ACES 2.0 rendering for an SDR screen, by OpenColorIO.
+        encode: Whether the result is encoded by the sRGB curve, as ``imshow`` and 8-bit
+            files show it; else it is linear display light, as
+            :func:`shjax.io.write_image` takes it.
 
     Returns:
-        Linear display light, for an sRGB encoder.
+        Values in [0, 1].
 
     Raises:
-        ValueError: If the operator is unknown, or the installed OpenColorIO has none.
+        ValueError: If the operator is unknown, ``image`` no known array of floats, or the
+            installed OpenColorIO has no such operator.
     """
     if operator not in OPERATORS:
         raise ValueError(
             f"operator must be one of {', '.join(OPERATORS)}; got {operator!r}."
         )
-    image = np.maximum(np.nan_to_num(image), 0)
+    check_channels("image", image, "H, W, C", 3)
+    image = np.maximum(np.nan_to_num(known_values("image", image)), 0)
     if operator == "reinhard":
-        return _reinhard(image, white)
-    scaled = (image / (white or 1.0)).astype(np.float32)
-    return np.clip(scaled, 0, 1) if operator == "linear" else _aces(scaled)
+        shown = _reinhard(image, white)
+    else:
+        scaled = (image / (white or 1.0)).astype(np.float32)
+        shown = np.clip(scaled, 0, 1) if operator == "linear" else _aces(scaled)
+    return np.clip(encode_srgb(shown), 0, 1) if encode else shown
 
 
 def _aces(image: np.ndarray) -> np.ndarray:
     import OpenImageIO as oiio
-
-    from shjax.io.colour import decode_srgb
 
     rgb = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)))
     shown = oiio.ImageBufAlgo.ociodisplay(
@@ -79,7 +86,7 @@ def _reinhard(image: np.ndarray, white: float | None) -> np.ndarray:
 def show_difference(
     difference: Float[np.ndarray, "H W C"], scale: float
 ) -> Float[np.ndarray, "H W 3"]:
-    """Signed values as colours: red above zero, blue below, white at zero.
+    """Map signed differences to colours: red above zero, blue below, white at zero.
 
     Args:
         difference: Signed values; channels are averaged.

@@ -20,13 +20,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_vectors, shape_of
+from shjax.arrays import Array, as_float, check_vectors, einsum, shape_of
 from shjax.harmonics import evaluate, scale_degrees
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs
 
 
 def cosine_kernel(l_max: int) -> Float[jax.Array, " L"]:
-    """Gains of the clamped cosine, ``Ahat_l``: pi, 2 pi / 3, pi / 4, 0, ... [RH01, Eq. 8].
+    """Convolution gains of the clamped cosine, ``Ahat_l`` [RH01, Eq. 8].
 
     Irradiance coefficients are ``E_lm = Ahat_l L_lm``. The factorials of the paper are
     replaced by the ratio ``Ahat_l / Ahat_(l-2) = -(l - 3) / (l + 2)`` for even l, so any
@@ -46,7 +46,7 @@ def cosine_kernel(l_max: int) -> Float[jax.Array, " L"]:
 
 @functools.lru_cache(maxsize=64)
 def cosine_kernel_table(l_max: int) -> np.ndarray:
-    """:func:`cosine_kernel` as a float64 NumPy table, read-only."""
+    """Gains of :func:`cosine_kernel` as a float64 NumPy table, read-only."""
     kernel = np.zeros(max(l_max, 1) + 1)
     kernel[0], kernel[1] = math.pi, 2 * math.pi / 3
     for l in range(2, l_max + 1, 2):
@@ -57,7 +57,7 @@ def cosine_kernel_table(l_max: int) -> np.ndarray:
 
 
 def clamped_cosine_coefs(l_max: int) -> Float[jax.Array, " L"]:
-    """Expansion of max(cos t, 0) in Y_l0: ``A_l = sqrt((2l + 1) / 4 pi) Ahat_l`` [T4, 4.9].
+    """Zonal harmonic coefficients A_l of the clamped cosine [T4, 4.9].
 
     Not the convolution gains: those are :func:`cosine_kernel`.
 
@@ -76,7 +76,7 @@ def clamped_cosine_coefs(l_max: int) -> Float[jax.Array, " L"]:
 def irradiance_coefs(
     lighting: Float[Array, "*batch K C"],
 ) -> Float[jax.Array, "*batch K C"]:
-    """Convolve distant lighting with the clamped cosine [T4, Eq. 4.8].
+    """Irradiance coefficients: lighting convolved with the clamped cosine [T4, Eq. 4.8].
 
     Args:
         lighting: Radiance coefficients, W m^-2 sr^-1 or relative.
@@ -95,7 +95,7 @@ def irradiance_coefs(
 def irradiance(
     lighting: Float[Array, "*batch K C"], normals: Float[Array, "*points 3"]
 ) -> Float[jax.Array, "*batch_points C"]:
-    """Irradiance at unit normals, by convolution, at any degree [T4, Eq. 4.10].
+    """Irradiance at unit normals from lighting coefficients [T4, Eq. 4.10].
 
     Args:
         lighting: Radiance coefficients, ``(*batch, K, C)``.
@@ -119,7 +119,7 @@ def irradiance(
 def irradiance_matrix(
     lighting: Float[Array, "*batch K C"],
 ) -> Float[jax.Array, "*batch 4 4 C"]:
-    """The symmetric M with ``E(n) = [n 1] M [n 1]^T`` [RH01, Eqs. 11-12; T4, 4.15].
+    """Quadratic-form matrix M with ``E(n) = [n 1] M [n 1]^T`` [RH01, Eq. 11; T4, 4.15].
 
     Args:
         lighting: Radiance coefficients; degrees above 2 are not used.
@@ -146,7 +146,7 @@ def irradiance_matrix(
 def irradiance_from_matrix(
     matrix: Float[Array, "*batch 4 4 C"], normals: Float[Array, "*points 3"]
 ) -> Float[jax.Array, "*batch_points C"]:
-    """``[n 1] M [n 1]^T`` [RH01, Eq. 11].
+    """Irradiance at normals from its matrix, ``[n 1] M [n 1]^T`` [RH01, Eq. 11].
 
     Args:
         matrix: From :func:`irradiance_matrix`, ``(*batch, 4, 4, C)``.
@@ -165,12 +165,11 @@ def irradiance_from_matrix(
     normals = as_float("normals", normals).astype(matrix.dtype)
     points = normals.reshape(-1, 3)
     homogeneous = jnp.concatenate([points, jnp.ones_like(points[:, :1])], axis=-1)
-    value = jnp.einsum(
+    value = einsum(
         "pi,...ijc,pj->...pc",
         homogeneous,
         matrix,
         homogeneous,
-        precision=jax.lax.Precision.HIGHEST,
     )
     return value.reshape(*matrix.shape[:-3], *normals.shape[:-1], matrix.shape[-1])
 
@@ -179,7 +178,7 @@ def irradiance_from_matrix(
 def irradiance_polynomial(
     lighting: Float[Array, "*batch K C"], normals: Float[Array, "*points 3"]
 ) -> Float[jax.Array, "*batch_points C"]:
-    """The quadratic polynomial in the normal, written out [RH01, Eq. 13; T4, 4.16].
+    """Irradiance as a quadratic polynomial of the normal [RH01, Eq. 13; T4, 4.16].
 
     Args:
         lighting: Radiance coefficients; degrees above 2 are not used.

@@ -26,7 +26,7 @@ MATTE_SILVER = 0.3  # the glossy sphere's GGX alpha, f0 = 1
 
 
 class LightingError(NamedTuple):
-    """Relative L2 errors of coefficients.
+    """Relative L2 error of lighting coefficients.
 
     Attributes:
         total: Over all degrees and channels.
@@ -80,7 +80,7 @@ def _ratio(apart: jax.Array, own: jax.Array) -> jax.Array:
 
 
 class IrradianceErrors(NamedTuple):
-    """Of irradiance over normals, relative to its true mean: mean and maximum."""
+    """Irradiance error over normals, mean and maximum, relative to the true mean."""
 
     mean: jax.Array
     max: jax.Array
@@ -91,7 +91,7 @@ def irradiance_errors(
     truth: Float[Array, "J C"],
     normals: Float[Array, "N 3"],
 ) -> IrradianceErrors:
-    """Error of irradiance over normals: those that a picture shows, or a whole sphere's.
+    """Irradiance error of predicted lighting over normals.
 
     Args:
         predicted: Lighting coefficients.
@@ -109,7 +109,7 @@ def irradiance_errors(
 
 
 class PictureErrors(NamedTuple):
-    """Of one picture against another, over its mask.
+    """Error of a picture against another, over its mask.
 
     Attributes:
         rmse: Root mean squared error, in the picture's units.
@@ -184,7 +184,7 @@ def _length(picture: jax.Array) -> jax.Array:
 def three_spheres(
     radiance: Float[Array, "n_theta n_phi C"], *, size: int = 64
 ) -> dict[str, jax.Array]:
-    """A mirror, a matte silver (GGX, alpha 0.3) and a white diffuse sphere [LeG19, W22].
+    """Render a mirror, a matte silver and a diffuse sphere under a light [LeG19, W22].
 
     Args:
         radiance: Panorama as it is stored, with an even number of columns.
@@ -207,7 +207,7 @@ def three_sphere_errors(
     *,
     size: int = 64,
 ) -> dict[str, PictureErrors]:
-    """:func:`picture_errors` of the three spheres under two panoramas [W22, section 4].
+    """Score a predicted panorama on three spheres [W22, section 4].
 
     Args:
         predicted: Panorama as it is stored.

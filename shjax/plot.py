@@ -16,12 +16,13 @@ from jaxtyping import Float
 from shjax import render
 from shjax.arrays import Array
 from shjax.brdf import Brdf
+from shjax.brdf.expansion import BrdfExpansion
+from shjax.brdf.quadrature import order_counts
 from shjax.display import show_difference, tone_map
 from shjax.envmap import EnvironmentMap
 from shjax.harmonics import evaluate, power_spectrum
 from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
-from shjax.kernels import BrdfExpansion, order_counts
-from shjax.model import choose_model
+from shjax.reflection import ReflectionMap, choose_model
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +40,7 @@ _INCH = 2.0
 def new_figure(
     rows: int, columns: int, width: float = _INCH, height: float = _INCH
 ) -> Any:
-    """An empty figure and its axes, ``(rows, columns)``.
+    """Make an empty figure and its axes, ``(rows, columns)``.
 
     Args:
         rows: Panels down.
@@ -69,14 +70,12 @@ def _show(axis: Any, image: np.ndarray, title: str = "", **options: Any) -> Any:
 
 
 def _encoded(image: np.ndarray, white: float | None = None) -> np.ndarray:
-    from shjax.io.colour import encode_srgb
-
-    shown = encode_srgb(tone_map(np.asarray(image), white=white))
-    return np.clip(np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3)), 0, 1)
+    shown = tone_map(np.asarray(image), white=white, encode=True)
+    return np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3))
 
 
 def coefficients(coefs: Float[Array, "K C"], *, size: int = 128) -> Figure:
-    """An expansion and each of its degrees on a sphere; channels averaged.
+    """Figure of a spherical harmonic expansion and its degrees on a sphere.
 
     Above as the default camera sees it (from -x, where a panorama's centre is reflected),
     below from the other side.
@@ -111,11 +110,11 @@ def spectra(
     *,
     chosen: tuple[int, int] | None = None,
 ) -> Figure:
-    """Power of a light and of a BRDF over the degree, with the orders that were chosen.
+    """Figure of the power spectra of a light and of a BRDF.
 
     Args:
         lighting: Radiance coefficients.
-        expansion: Of the BRDF (:func:`shjax.expand_brdf`).
+        expansion: Of the BRDF (:func:`shjax.brdf.expand`).
         chosen: ``(l_max, p_max)`` to mark.
     """
     figure, axes = new_figure(1, 2, 1.9 * _INCH, 1.5 * _INCH)
@@ -142,13 +141,14 @@ def spectra(
     return figure
 
 
-def reflection_maps(maps: Float[Array, "n_theta n_phi Q C"]) -> Figure:
-    """The coefficients of an SHRM, a picture each, ordered by p and q.
+def reflection_maps(reflection_map: ReflectionMap) -> Figure:
+    """Figure of a reflection map's coefficients, one picture each, ordered by p and q.
 
     Args:
-        maps: From :func:`shjax.prefilter`.
+        reflection_map: From :func:`shjax.prefilter`, in spherical harmonics.
     """
-    p_max = degree_of_coefs(maps, "maps")
+    maps = reflection_map.coefs
+    p_max = degree_of_coefs(maps, "reflection_map")
     figure, axes = new_figure(p_max + 1, 2 * p_max + 1, 1.2 * _INCH, 0.75 * _INCH)
     for axis in axes.ravel():
         axis.set_axis_off()
@@ -163,7 +163,7 @@ def reflection_maps(maps: Float[Array, "n_theta n_phi Q C"]) -> Figure:
 def errors(
     pictures: Mapping[str, Float[Array, "H W C"]], exact: Float[Array, "H W C"]
 ) -> Figure:
-    """Pictures beside the exact one, with their differences and rms errors.
+    """Figure of pictures beside the exact one, with differences and rms errors.
 
     Args:
         pictures: By name.
@@ -193,7 +193,7 @@ def three_balls(
     size: int = 160,
     rms_error: float = 0.05,
 ) -> Figure:
-    """A mirror, a glossy and a diffuse ball under one light.
+    """Figure of a mirror, a glossy and a diffuse ball under one light.
 
     Args:
         envmap: The light.
@@ -211,7 +211,7 @@ def three_balls(
     models = [
         choose_model(envmap, b, rms_error=rms_error) for b in (glossy, lambertian())
     ]
-    pictures = [reflected, *(render.shade(ball, model) for model in models)]
+    pictures = [reflected, *(render.image(ball, model) for model in models)]
     figure, axes = new_figure(1, 3)
     names = ("mirror", "glossy", "diffuse")
     for axis, picture, name in zip(axes[0], pictures, names, strict=True):

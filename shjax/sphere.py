@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array
+from shjax.arrays import Array, safe_sqrt
 
 
 def normalize(vectors: Float[Array, "*batch 3"]) -> Float[jax.Array, "*batch 3"]:
@@ -32,7 +32,7 @@ def normalize(vectors: Float[Array, "*batch 3"]) -> Float[jax.Array, "*batch 3"]
 def mirror(
     normals: Float[Array, "*batch 3"], views: Float[Array, "*batch 3"]
 ) -> Float[jax.Array, "*batch 3"]:
-    """The reflected direction ``R = 2 (n.v) n - v``.
+    """Reflect views about normals: the reflected direction ``R = 2 (n.v) n - v``.
 
     >>> up, view = jnp.array([0.0, 0.0, 1.0]), jnp.array([0.6, 0.0, 0.8])
     >>> [f"{x:.1f}" for x in mirror(up, view)]
@@ -45,7 +45,7 @@ def mirror(
 def polar_angles(
     directions: Float[Array, "*batch 3"],
 ) -> tuple[Float[jax.Array, "*batch"], Float[jax.Array, "*batch"]]:
-    """Theta and phi of directions, with finite derivatives at the poles (phi = 0 there).
+    """Polar angles theta and phi of directions, with finite derivatives at the poles.
 
     Args:
         directions: Vectors, ``(..., 3)``.
@@ -53,10 +53,42 @@ def polar_angles(
     x, y, z = (jnp.asarray(directions)[..., k] for k in range(3))
     squared = x * x + y * y
     off = squared > 0
-    across = jnp.where(off, jnp.sqrt(jnp.where(off, squared, 1)), 0)
+    across = safe_sqrt(squared)
     theta = jnp.arctan2(across, jnp.where(off, z, jnp.sign(z)))
     phi = jnp.where(off, jnp.arctan2(jnp.where(off, y, 0), jnp.where(off, x, 1)), 0)
     return theta, phi
+
+
+def frames(normals: jax.Array) -> jax.Array:
+    """Right-handed frames whose last row is the normal, ``(..., 3, 3)``.
+
+    Smooth except across the equator's plane z = 0 [Duff et al. 2017, revised].
+    """
+    x, y, z = normals[..., 0], normals[..., 1], normals[..., 2]
+    sign = jnp.where(z < 0, -1, 1).astype(z.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = jnp.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    second = jnp.stack([b, sign + y * y * a, -y], axis=-1)
+    return jnp.stack([first, second, normals], axis=-2)
+
+
+def in_spherical_frame(directions: jax.Array, vectors: jax.Array) -> jax.Array:
+    """Components of vectors along e_theta, e_phi and the directions, ``(..., 3)``.
+
+    At the poles the frame is that of phi = 0.
+    """
+    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
+    squared = x * x + y * y
+    off = squared > 0
+    across = safe_sqrt(squared)
+    cosine = jnp.where(off, x / jnp.where(off, across, 1), 1)
+    sine = jnp.where(off, y / jnp.where(off, across, 1), 0)
+    a, b, c = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    along = cosine * a + sine * b
+    return jnp.stack(
+        [z * along - across * c, cosine * b - sine * a, x * a + y * b + z * c], axis=-1
+    )
 
 
 def latlong_theta(n_theta: int) -> np.ndarray:
@@ -95,7 +127,7 @@ def latlong_solid_angles(n_theta: int, n_phi: int) -> np.ndarray:
 def latlong_pixels(
     directions: np.ndarray, n_theta: int, n_phi: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fractional row and column of directions; a pixel's centre is a whole number.
+    """Fractional row and column of directions; a pixel's centre is an integer.
 
     Args:
         directions: Unit vectors, ``(..., 3)``.
@@ -111,7 +143,7 @@ def latlong_pixels(
 
 
 def pixel_coordinates(theta, phi, n_theta, n_phi):
-    """As :func:`latlong_pixels`, of polar angles, arrays of NumPy or of JAX.
+    """Fractional row and column of polar angles, arrays of NumPy or of JAX.
 
     The product comes last. A compiler may compute the row twice, for the pixel's number
     and for its weight; a sum that comes last is fused with the product in one of the two
@@ -123,7 +155,7 @@ def pixel_coordinates(theta, phi, n_theta, n_phi):
 
 
 def fibonacci_directions(n: int) -> np.ndarray:
-    """``n`` nearly uniform unit vectors on a Fibonacci spiral, ``(n, 3)``, float64.
+    """Nearly uniform unit vectors on a Fibonacci spiral, ``(n, 3)``, float64.
 
     Their mean estimates an average over the sphere with an error far below that of
     random points [Swinbank and Purser 2006].
@@ -156,7 +188,7 @@ def cube_directions(size: int) -> np.ndarray:
 
 
 def icosahedron() -> np.ndarray:
-    """The twelve vertices of an icosahedron, two at the poles: ``(12, 3)``, float64."""
+    """Vertices of an icosahedron, two at the poles: ``(12, 3)``, float64."""
     turn = 2 * np.pi * np.arange(5) / 5
     ring = np.arctan(2.0)
     upper = spherical_directions(np.full(5, ring), turn)
@@ -166,7 +198,7 @@ def icosahedron() -> np.ndarray:
 
 
 def yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> np.ndarray:
-    """The rotation of a light, ``(3, 3)``, float64, from three angles in radians.
+    """Rotation matrix of a light, ``(3, 3)``, from yaw, pitch and roll in radians.
 
     Applied in the order roll, pitch, yaw: roll about the panorama's centre (+x),
     clockwise as seen from inside; pitch raises the centre; yaw turns it to the left.

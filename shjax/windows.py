@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_count, known_values
+from shjax.arrays import Array, as_float, check_count, known_values, matmul
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs, scale_degrees
 from shjax.harmonics.evaluation import basis
 from shjax.harmonics.spectrum import laplacian
@@ -40,7 +40,7 @@ _DIM = 1e-3  # of the brightest channel's mean: below, a channel is smoothed by 
 def window(
     name: str, l_max: int, *, width: float | None = None
 ) -> Float[jax.Array, " L"]:
-    """Gains of a named window at the degrees 0 to ``l_max``.
+    """Window gains that damp ringing, at the degrees 0 to ``l_max``, by name.
 
     With x = l / width: ``"none"`` 1; ``"hann"`` (1 + cos pi x) / 2; ``"lanczos"``
     sin(pi x) / (pi x); ``"sinc^4"`` its fourth power (cmgen's); zero for x > 1.
@@ -60,7 +60,8 @@ def window(
     ['1.000', '0.750', '0.250']
     """
     if not isinstance(name, str) or name.lower() not in _WINDOWS:
-        raise ValueError(f"name must be one of {', '.join(_WINDOWS)}; got {name!r}.")
+        given = repr(name) if isinstance(name, str) else type(name).__name__
+        raise ValueError(f"name must be one of {', '.join(_WINDOWS)}; got {given}.")
     name = name.lower()
     width = check_l_max(l_max) + 1 if width is None else width
     if not width > 0:
@@ -71,7 +72,7 @@ def window(
 
 
 class Deringed(NamedTuple):
-    """Lighting whose irradiance is nowhere negative.
+    """Deringed lighting, whose irradiance is nowhere negative.
 
     Attributes:
         lighting: Coefficients, ``(K, C)``.
@@ -88,7 +89,7 @@ class Deringed(NamedTuple):
 
 
 def dering(lighting: Float[Array, "K C"], *, steps: int = 40) -> Deringed:
-    """The least smoothing that leaves the irradiance non-negative [Sloan17, section 2].
+    """Dering lighting: the least smoothing that leaves irradiance non-negative [Sloan17].
 
     Gains ``1 / (1 + s l^2 (l + 1)^2)``, the minimisers of error plus s times the squared
     Laplacian, with the smallest s >= 0 for which no normal of any channel receives
@@ -177,7 +178,7 @@ def _smoothed(lighting: jax.Array, strength: float, l_max: int) -> jax.Array:
 
 @jax.jit
 def smallest_irradiance(lighting: Float[Array, "K C"]) -> Float[jax.Array, ""]:
-    """Smallest irradiance over all normals and channels, over the channel's mean.
+    """Minimum irradiance over all normals and channels, over the channel's mean.
 
     The best of 2000 normals is improved by Newton steps on the sphere.
 
@@ -194,10 +195,9 @@ def smallest_irradiance(lighting: Float[Array, "K C"]) -> Float[jax.Array, ""]:
     lighting = as_float("lighting", lighting)
     normals, functions = _scan_table(l_max)
     reflected = irradiance_coefs(lighting)
-    values = jnp.matmul(
+    values = matmul(
         jnp.asarray(functions, lighting.dtype),
         reflected,
-        precision=jax.lax.Precision.HIGHEST,
     )
     starts = jnp.asarray(normals, lighting.dtype)[jnp.argmin(values, axis=0)]
 
@@ -229,7 +229,7 @@ def _scan_table(l_max: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def apply_window(lighting: Float[Array, "K C"], name: str) -> Float[jax.Array, "K C"]:
-    """Lighting under a named window, ``"automatic"`` among them (:func:`dering`).
+    """Apply a named window to lighting, ``"automatic"`` among them (:func:`dering`).
 
     Args:
         lighting: Radiance coefficients.

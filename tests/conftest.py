@@ -30,7 +30,7 @@ def pytest_addoption(parser):
     )
 
 
-_MOST_COMPILED = 4 * 2**30  # bytes of compiled programs kept between runs
+_MAX_COMPILED = 4 * 2**30  # bytes of compiled programs kept between runs
 
 
 def _compiled(config) -> str:
@@ -43,7 +43,7 @@ def _compiled(config) -> str:
     folder = config.cache.mkdir(f"compiled-{kind}")
     if not hasattr(config, "workerinput"):
         held = sum(file.stat().st_size for file in folder.iterdir())
-        if held > _MOST_COMPILED:
+        if held > _MAX_COMPILED:
             shutil.rmtree(folder)
             folder.mkdir()
     return str(folder)
@@ -84,11 +84,25 @@ def pytest_configure(config):
 _OF_NO_TYPE = {
     f"test_{name}"
     for name in (
-        "architecture", "arguments", "cli", "conventions", "envmap", "experiments",
-        "faults", "io", "many", "meshes", "metrics", "notebooks", "pipeline", "plot",
-        "reading", "speed_vs_error", "wheel",
+        "architecture",
+        "arguments",
+        "cli",
+        "conventions",
+        "envmap",
+        "experiments",
+        "faults",
+        "io",
+        "many",
+        "meshes",
+        "metrics",
+        "notebooks",
+        "pipeline",
+        "plot",
+        "reading",
+        "speed_vs_error",
+        "wheel",
     )
-}  # fmt: skip
+}
 
 
 def _runs_in_float32(item) -> bool:
@@ -117,14 +131,14 @@ def pytest_runtest_makereport(item, call):
 
 
 _MAPPINGS = Path("/proc/self/maps")
-_MOST_MAPPINGS = 30_000  # Linux allows a process 65 530
+_MAX_MAPPINGS = 30_000  # Linux allows a process 65 530
 
 
 @pytest.fixture(autouse=True)
 def _room_for_compiled_code():
     """Drop compiled programs before a long run has no memory mappings left for more."""
     yield
-    if _MAPPINGS.exists() and _MAPPINGS.read_bytes().count(b"\n") > _MOST_MAPPINGS:
+    if _MAPPINGS.exists() and _MAPPINGS.read_bytes().count(b"\n") > _MAX_MAPPINGS:
         jax.clear_caches()
         gc.collect()
 

@@ -1,6 +1,7 @@
 """The house rules that a machine can hold: imports point left, names are documented."""
 
 import ast
+import importlib.util
 import inspect
 import subprocess
 import sys
@@ -9,29 +10,35 @@ from pathlib import Path
 import pytest
 
 import shjax
+import shjax.inverse
 
 PACKAGE = Path(shjax.__file__).parent
+
+
+def _index_equations():
+    place = PACKAGE.parent / "docs" / "index_equations.py"
+    spec = importlib.util.spec_from_file_location("index_equations", place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+index_equations = _index_equations()
 
 # Each module may import those of the same or of an earlier line, never a later one.
 LAYERS = [
     ["shjax.arrays"],
-    ["shjax.estimate"],
-    ["shjax.sphere"],
-    ["shjax.harmonics"],
+    ["shjax.colour", "shjax.sphere"],
+    ["shjax.harmonics", "shjax.display"],
     ["shjax.layouts", "shjax.irradiance"],
+    ["shjax.envmap", "shjax.windows", "shjax.brdf"],
+    ["shjax.light", "shjax.conventions"],
     ["shjax.reference"],
-    ["shjax.brdf"],
-    ["shjax.kernels"],
-    ["shjax.orders", "shjax.view_basis", "shjax.sampling"],
-    ["shjax.convolution"],
-    ["shjax.shrm", "shjax.angular", "shjax.adapted"],
-    ["shjax.envmap", "shjax.windows"],
-    ["shjax.conventions"],
     ["shjax.lights"],
+    ["shjax.reflection"],
     ["shjax.ibl"],
-    ["shjax.model"],
     ["shjax.io"],
-    ["shjax.render", "shjax.display"],
+    ["shjax.render"],
     ["shjax.inverse", "shjax.metrics", "shjax.plot"],
     ["shjax.cli"],
 ]
@@ -105,3 +112,70 @@ def test_lazy_names_arrive_and_unknown_ones_do_not():
     assert "estimate_lighting" in dir(shjax)
     with pytest.raises(AttributeError, match="no attribute 'estimate_everything'"):
         _ = shjax.estimate_everything
+
+
+def test_the_front_is_narrow():
+    """At most 45 names; what they take, at most nine parameters."""
+    assert len(shjax.__all__) == len(set(shjax.__all__)) <= 45
+    assert set(dir(shjax)) == {*shjax.__all__, "__version__"}
+    for name in shjax.__all__:
+        assert getattr(shjax, name) is not None, name
+    for module, tree in SOURCES:
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                taken = [*node.args.args, *node.args.kwonlyargs]
+                taken = [a for a in taken if a.arg not in ("self", "cls")]
+                inner = module.startswith("shjax.inverse.") and len(taken) < 12
+                assert len(taken) <= 9 or inner, f"{module}.{node.name}"
+    for name in (n for n in dir(shjax.inverse) if not n.startswith("_")):
+        value = getattr(shjax.inverse, name)
+        if inspect.isfunction(value):
+            assert len(inspect.signature(value).parameters) <= 9, name
+
+
+def test_files_are_short_and_left_to_the_formatter():
+    long = {"isolation.py": 345}  # one story: a pool of processes that may die
+    skipped = 0
+    root = PACKAGE.parent
+    for path in [
+        p
+        for d in ("shjax", "tests", "experiments", "docs")
+        for p in (root / d).rglob("*.py")
+    ]:
+        text = path.read_text()
+        skipped += text.count("# fmt: " + "skip")
+        if path.is_relative_to(PACKAGE):
+            assert text.count("\n") <= long.get(path.name, 300), path
+    assert skipped < 20
+
+
+def test_no_two_files_of_one_name_hold_different_things():
+    """But for what a command and a room of the library share."""
+    names = [path.stem for path in PACKAGE.rglob("*.py") if "cli" not in path.parts]
+    twice = {n for n in names if names.count(n) > 1 and n != "__init__"}
+    assert twice == {"coefficients"} & twice, twice
+
+
+# Words that lean on a sentence before, which a search for a function does not show.
+LEANING = ("Of ", "The same", "As ", "It ", "This ", "How ", "Where ", "Whether it")
+
+
+@pytest.mark.parametrize(("module", "tree"), SOURCES, ids=[m for m, _ in SOURCES])
+def test_first_sentences_stand_alone(module, tree):
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name[0] != "_":
+            text = ast.get_docstring(node) or ""
+            assert not text.startswith(LEANING), f"{module}.{node.name}: {text[:60]}"
+
+
+def test_citations_have_an_entry_and_the_index_holds_them():
+    missing = []
+    for module, tree in index_equations.modules():
+        known = index_equations.references(tree)
+        found = index_equations.citations(module, tree)
+        missing += [one for one in found if one.key not in known]
+    assert not missing, missing
+    index = PACKAGE.parent / "docs" / "equations.md"
+    assert index.read_text() == index_equations.markdown(), (
+        "run docs/index_equations.py"
+    )

@@ -20,28 +20,64 @@ from shjax.cli.render import render_command
 from shjax.cli.score import score
 
 SIZES = {
-    "K": 9, "K1": 9, "K2": 9, "C": 3, "D": 3, "L": 3, "P": 2, "N": 4, "V": 2, "H": 8,
-    "W": 16, "n_theta": 8, "n_phi": 16,
-}  # fmt: skip
+    "K": 9,
+    "K1": 9,
+    "K2": 9,
+    "C": 3,
+    "D": 3,
+    "L": 3,
+    "P": 2,
+    "N": 4,
+    "V": 4,
+    "H": 8,
+    "W": 16,
+    "n": 2,
+    "T": 3,
+    "n_theta": 8,
+    "n_phi": 16,
+}
 CHOICES = {
-    "l": 2, "l_max": 1, "p_max": 1, "n_theta": 8, "n_phi": 16, "rms_error": 0.1,
-    "energy_error": 0.1, "model": "radial", "albedo": 0.5, "roughness": 0.5,
-}  # fmt: skip
+    "l": 2,
+    "l_max": 1,
+    "p_max": 1,
+    "n_theta": 8,
+    "n_phi": 16,
+    "rms_error": 0.1,
+    "lobe": "radial",
+    "albedo": 0.5,
+    "roughness": 0.5,
+    "angle": 0.3,
+    "max_lights": 1,
+}
+
+
+# Annotations that stand for an array or an object, and the shape of the array.
+ALIASES = {"Light": (8, 16, 3), "BrdfCoefs": (2, 2, 2, 3)}
+
+
+def _called(parameter):
+    """The word that a message says of an argument."""
+    return parameter.name.removesuffix("_or_surface").removesuffix("_or_lighting")
 
 
 def _given(parameter):
     """An argument by its annotation: an array of the shape that this names."""
     text = str(parameter.annotation)
-    found = re.match(r"(?:\w+ \| )*Float\[Array, ('[^']*'|\.\.\.)\]", text)
+    found = re.search(r"Float\[(?:Array|np\.ndarray), ('[^']*'|\.\.\.)\]", text)
     if found:
         named = "3" if found[1] == "..." else found[1].strip("'")
         sizes = [SIZES.get(n, n) for n in named.split() if not n.startswith("*")]
         array = np.ones([int(n) for n in sizes], np.float32)
         return array / np.sqrt(array.shape[-1]) if array.ndim else array  # unit vectors
+    if text in ALIASES:
+        return np.ones(ALIASES[text], np.float32)
     if parameter.name == "brdf":
         return shjax.brdf.lambertian()
+    if parameter.name == "reflection_map":
+        coefs = np.ones((4, 8, 4, 3), np.float32)
+        return shjax.ReflectionMap.from_coefs(coefs, frame="global")
     if parameter.name == "expansion":
-        return shjax.expand_brdf(shjax.brdf.lambertian(), l_max=2, p_max=1)
+        return shjax.brdf.expand(shjax.brdf.lambertian(), l_max=2, p_max=1)
     if parameter.name == "lights":
         return shjax.lights.cap_light(jnp.eye(3)[2], 0.1, jnp.ones(3))
     if parameter.name == "light":
@@ -49,18 +85,33 @@ def _given(parameter):
     return CHOICES[parameter.name]
 
 
+MODULES = (shjax, shjax.reflection, shjax.lights, shjax.brdf)
+# Told of differently, or not of arrays that a user makes.
+LEFT_OUT = {"fit_views", "from_samples", "from_table", "transfer", "take_lights"}
+
+
+def _functions():
+    """Every public function of arrays, once."""
+    found = {}
+    for module in MODULES:
+        for name in (n for n in dir(module) if n[0] != "_" and n not in LEFT_OUT):
+            function = getattr(module, name)
+            if inspect.isfunction(inspect.unwrap(function)):
+                found.setdefault(name, function)
+    return found
+
+
 def _arrays():
-    for name in dir(shjax):
-        function = getattr(shjax, name)
-        if inspect.isfunction(inspect.unwrap(function)) and name[0] != "_":
-            parameters = inspect.signature(function).parameters.values()
-            needed = [p for p in parameters if p.default is p.empty]
-            for one in needed:
-                if "Float[" in str(one.annotation):
-                    long = [pytest.mark.slow] if name == "estimate_joint" else []
-                    yield pytest.param(
-                        function, needed, one, id=f"{name}-{one.name}", marks=long
-                    )
+    for name, function in _functions().items():
+        parameters = inspect.signature(function).parameters.values()
+        needed = [p for p in parameters if p.default is p.empty]
+        for one in needed:
+            annotation = str(one.annotation)
+            if "Float[" in annotation or annotation in ALIASES:
+                long = [pytest.mark.slow] if name == "estimate_joint" else []
+                yield pytest.param(
+                    function, needed, one, id=f"{name}-{one.name}", marks=long
+                )
 
 
 def _refusal(function, given) -> str | None:
@@ -76,8 +127,9 @@ def _refusal(function, given) -> str | None:
 def test_a_list_serves_or_is_refused_by_name(function, needed, one):
     given = {p.name: _given(p) for p in needed}
     given[one.name] = given[one.name].tolist()
-    said = f"{one.name} must be a JAX or NumPy array; got list."
-    assert _refusal(function, given) in (None, said)
+    said = f"{_called(one)}[a-z_]* must be a JAX or NumPy array; got list."
+    refusal = _refusal(function, given)
+    assert refusal is None or re.fullmatch(said, refusal), refusal
 
 
 def _read_only(array):
@@ -88,7 +140,7 @@ def _read_only(array):
 
 # What is done to an argument, and whether its values are still the same light.
 FORMS = {
-    "whole numbers": (lambda a: np.ones_like(a, np.int32), False),
+    "integers": (lambda a: np.ones_like(a, np.int32), False),
     "8 bits": (lambda a: np.ones_like(a, np.uint8), False),
     "booleans": (lambda a: np.ones_like(a, bool), False),
     "complex": (lambda a: a.astype(np.complex64), False),
@@ -115,11 +167,11 @@ def test_any_form_serves_or_is_refused_by_name(function, needed, one):
         if said is None:
             assert may_serve, form
         else:
-            assert one.name.rstrip("s") in said or said == plain, (form, said)
+            assert _called(one).rstrip("s") in said or said == plain, (form, said)
 
 
 # What stands in for itself when it is traced, and forms that are refused then, too.
-TRACED = ("the same", "whole numbers", "8 bits", "an axis less")
+TRACED = ("the same", "integers", "8 bits", "an axis less")
 
 
 @pytest.mark.parametrize(("function", "needed", "one"), list(_arrays()))
@@ -142,14 +194,19 @@ def test_traced_arguments_serve_or_are_refused_by_name(function, needed, one, by
             jax.eval_shape(call, array if by == "jit" else np.stack([array] * 2))
         except ValueError as error:
             said = str(error)
-            assert one.name.rstrip("s") in said or said == plain, (form, said)
+            assert _called(one).rstrip("s") in said or said == plain, (form, said)
             assert form != "the same" or "must be known" in said or said == plain, said
 
 
 COMMANDS = {
-    "light": light, "reflect": reflect, "render": render_command, "estimate": estimate,
-    "score": score, "convert": convert, "remap": remap,
-}  # fmt: skip
+    "light": light,
+    "reflect": reflect,
+    "render": render_command,
+    "estimate": estimate,
+    "score": score,
+    "convert": convert,
+    "remap": remap,
+}
 TEXTS = (
     "",
     "nan",
@@ -190,3 +247,58 @@ def test_any_text_of_an_option_is_taken_or_refused_by_name(name, tmp_path, monke
                 assert isinstance(run.exception, (OSError, ValueError)), told
                 assert not isinstance(run.exception, UnicodeError), told
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("as_a_user")
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda e, b: shjax.prefilter(e, b), "envmap.lighting"),
+        (lambda e, b: shjax.tone_map(e), "envmap.radiance"),
+        (lambda e, b: shjax.prefilter(np.ones((9, 3), np.float32), b), "brdf.expand"),
+        (lambda e, b: shjax.reference_reflection(e, (b, 1), *FACING), "read_cornell"),
+        (lambda e, b: shjax.choose_model(e, (b, 1), rms_error=0.1), "read_cornell"),
+        (lambda e, b: shjax.brdf.check((b, 1)), "read_cornell"),
+        (lambda e, b: shjax.reflection.fit_low_rank((b, 1)), "read_cornell"),
+        (lambda e, b: shjax.window(np.ones(3), "hann"), "name must be .* got ndarray"),
+        (
+            lambda e, b: shjax.convert(np.ones((9, 3), np.float32), "4"),
+            "to must be one",
+        ),
+    ],
+)
+def test_the_error_says_what_to_pass_instead(call, words):
+    envmap = shjax.make_envmap(np.ones((16, 32, 3), np.float32))
+    with pytest.raises(ValueError, match=words):
+        call(envmap, shjax.brdf.lambertian(0.5))
+
+
+FACING = (np.array([[0, 0, 1]], np.float32),) * 2
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_a_lit_material_is_no_brdf():
+    light = shjax.prefilter_light(np.ones((16, 32, 3), np.float32))
+    lit = light.with_material(albedo=0.5, roughness=0.5)
+    with pytest.raises(ValueError, match="metallic_roughness"):
+        shjax.reference_reflection(np.ones((16, 32, 3), np.float32), lit, *FACING)
+    gradient = jax.grad(lambda one: jnp.sum(one.radiance(*FACING)))(lit)
+    assert "LitMaterial" in repr(gradient)
+
+
+def test_brdfs_add_and_divide():
+    grey = shjax.brdf.lambertian(0.5)
+    total = sum([grey, grey]) / 2
+    assert [float(part.weight[0]) for part in total.parts] == [0.5, 0.5]
+    assert repr(total) == "Brdf: lambertian + lambertian, 1 channel"
+    with pytest.raises(TypeError):
+        _ = 1 + grey
+
+
+@pytest.mark.parametrize("name", ["three", "threejs", "Three.js"])
+def test_three_has_its_usual_names(name, tmp_path):
+    nine = np.arange(27, dtype=np.float32).reshape(9, 3)
+    exact = np.asarray(shjax.convert(nine, to="three.js"))
+    np.testing.assert_array_equal(shjax.convert(nine, name), exact)
+    shjax.io.write_coefs(tmp_path / "a.json", nine, name)
+    assert "LightProbe" in (tmp_path / "a.json").read_text()

@@ -9,11 +9,12 @@ import pytest
 
 import shjax
 from shjax import brdf
-from shjax.brdf.core import Local, frames, transfer_local
+from shjax.brdf.core import Local, transfer_local
 from shjax.brdf.ggx import albedo_at, albedo_terms, directional_albedo
-from shjax.brdf.measured import _half_difference, zernike_products
+from shjax.brdf.measured import _half_difference
 from shjax.brdf.models import squared_angle
-from shjax.sphere import spherical_directions
+from shjax.brdf.zernike import zernike_products
+from shjax.sphere import frames, spherical_directions
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -562,16 +563,52 @@ def test_parameters_jit_and_batch(dtype):
         (lambda: brdf.lambertian(np.ones(3)) + brdf.phong(np.ones(2)), "same number"),
         (lambda: brdf.lambertian(0.5) * np.ones((2, 2)), "scaled by a number"),
         (lambda: brdf.from_table(np.ones((2, 2, 2))), "table must have shape"),
-        (lambda: brdf.from_table(np.full((2, 2, 2, 1), np.nan)), "table must be finite"),
-        (lambda: brdf.from_table(np.ones((2, 2, 2, 1)), phi=np.array([1.0, 0.5])), "phi must hold 2 rising"),
-        (lambda: brdf.from_table(np.ones((2, 2, 2, 1)), theta_i=np.array([0.0, 2.0])), "theta_i must lie"),
-        (lambda: brdf.from_samples(np.ones((3, 3)), np.ones((2, 3)), np.ones((3, 1))), "lights, views and values"),
-        (lambda: brdf.from_samples(-np.ones((3, 3)), np.ones((3, 3)), np.ones((3, 1))), "above the surface"),
-        (lambda: brdf.from_samples(np.ones((3, 3)), np.ones((3, 3)), np.ones((3, 1)), order=40), "order"),
-        (lambda: brdf.transfer(brdf.kajiya_kay(3.0), np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 3))), "tangents must be given"),
-        (lambda: brdf.transfer(brdf.phong(3.0), np.ones((1, 3)), np.ones((2, 3)), np.ones((1, 3))), "lights must have the shape"),
+        (
+            lambda: brdf.from_table(np.full((2, 2, 2, 1), np.nan)),
+            "table must be finite",
+        ),
+        (
+            lambda: brdf.from_table(np.ones((2, 2, 2, 1)), phi=np.array([1.0, 0.5])),
+            "phi must hold 2 rising",
+        ),
+        (
+            lambda: brdf.from_table(
+                np.ones((2, 2, 2, 1)), theta_i=np.array([0.0, 2.0])
+            ),
+            "theta_i must lie",
+        ),
+        (
+            lambda: brdf.from_samples(
+                np.ones((3, 3)), np.ones((2, 3)), np.ones((3, 1))
+            ),
+            "lights, views and values",
+        ),
+        (
+            lambda: brdf.from_samples(
+                -np.ones((3, 3)), np.ones((3, 3)), np.ones((3, 1))
+            ),
+            "above the surface",
+        ),
+        (
+            lambda: brdf.from_samples(
+                np.ones((3, 3)), np.ones((3, 3)), np.ones((3, 1)), order=40
+            ),
+            "order",
+        ),
+        (
+            lambda: brdf.transfer(
+                brdf.kajiya_kay(3.0), np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 3))
+            ),
+            "tangents must be given",
+        ),
+        (
+            lambda: brdf.transfer(
+                brdf.phong(3.0), np.ones((1, 3)), np.ones((2, 3)), np.ones((1, 3))
+            ),
+            "lights must have the shape",
+        ),
     ],
-)  # fmt: skip
+)
 def test_wrong_arguments_are_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call()

@@ -10,7 +10,16 @@ import pytest
 
 import shjax
 from shjax import io
-from shjax.cli.light import run
+from shjax.cli.light import Settings, run
+from shjax.cli.light_report import write_results
+from shjax.cli.options import Reading
+
+
+def light_of_file(path, **settings):
+    """The result of ``shjax light`` on one file, written."""
+    reading = Reading("auto", "error", "rec709")
+    found = run(path, Settings(size=16, **settings), reading)
+    return write_results(path.parent / "out", path.stem, found)
 
 
 def shell(*arguments, cwd=None):
@@ -236,7 +245,7 @@ def test_help_and_version():
 
 def test_too_small_a_map_is_taken_as_constant_pixels_and_says_so(tmp_path):
     io.write_image(tmp_path / "tiny.exr", np.ones((4, 8, 3), np.float32))
-    result = run(tmp_path / "tiny.exr", tmp_path / "out", size=16)
+    result = light_of_file(tmp_path / "tiny.exr")
     assert result["quadrature"] == "pixel"
     assert result["coefficients"][0][0] == pytest.approx(np.sqrt(4 * np.pi), rel=1e-5)
     finished = shell("light", tmp_path / "tiny.exr", "--out", tmp_path, "--size", 16)
@@ -248,8 +257,8 @@ def test_rotating_the_light_rotates_everything(tmp_path):
     io.write_image(tmp_path / "a.exr", image)
     io.write_image(tmp_path / "b.exr", np.roll(image, -16, axis=1))
     quarter = shjax.sphere.yaw_pitch_roll(np.pi / 2, 0.0, 0.0)
-    turned = run(tmp_path / "a.exr", tmp_path / "out", size=16, rotation=quarter)
-    moved = run(tmp_path / "b.exr", tmp_path / "out", size=16)
+    turned = light_of_file(tmp_path / "a.exr", rotate=quarter)
+    moved = light_of_file(tmp_path / "b.exr")
     np.testing.assert_allclose(turned["coefficients"], moved["coefficients"], atol=1e-5)
     for key in ("mean", "max"):
         assert turned["irradiance_error"][key] == pytest.approx(
@@ -301,7 +310,7 @@ def test_convert_refuses_in_one_line(tmp_path, arguments, words):
 
 def test_a_black_map_gives_no_nan(tmp_path):
     io.write_image(tmp_path / "black.exr", np.zeros((8, 16, 3), np.float32))
-    result = run(tmp_path / "black.exr", tmp_path / "out", size=16)
+    result = light_of_file(tmp_path / "black.exr")
     assert result["recovered_error"] == {"self": 0, "exact": 0}
     assert result["irradiance_error"]["max"] == 0
 
@@ -312,9 +321,19 @@ def test_reflect(tmp_path):
     image[:16] += 1
     io.write_image(tmp_path / "a.exr", image)
     finished = shell(
-        "reflect", "a.exr", "--brdf", "lambertian albedo=0.4,0.3,0.2 + 0.5 * ggx alpha=0.5 f0=0.9",
-        "--rms-error", "0.05", "--size", "32", "--out", "out", "--json", cwd=tmp_path,
-    )  # fmt: skip
+        "reflect",
+        "a.exr",
+        "--brdf",
+        "lambertian albedo=0.4,0.3,0.2 + 0.5 * ggx alpha=0.5 f0=0.9",
+        "--rms-error",
+        "0.05",
+        "--size",
+        "32",
+        "--out",
+        "out",
+        "--json",
+        cwd=tmp_path,
+    )
     assert finished.returncode == 0, finished.stderr
     result = json.loads(finished.stdout)
     for key in (
@@ -369,9 +388,19 @@ def test_reflect_tells_the_lights_that_are_in_no_map(tmp_path):
     image[20, 40] = [4000.0, 2000.0, 1000.0]
     io.write_image(tmp_path / "sun.exr", image)
     finished = shell(
-        "reflect", "sun.exr", "--brdf", "ggx alpha=0.2 f0=0.04", "--rms-error", "0.05", "--size", "16", "--out", "out", "--json",
+        "reflect",
+        "sun.exr",
+        "--brdf",
+        "ggx alpha=0.2 f0=0.04",
+        "--rms-error",
+        "0.05",
+        "--size",
+        "16",
+        "--out",
+        "out",
+        "--json",
         cwd=tmp_path,
-    )  # fmt: skip
+    )
     assert finished.returncode == 0, finished.stderr
     (light,) = json.loads(finished.stdout)["lights"]
     towards = shjax.sphere.latlong_directions(64, 128)[20, 40]
@@ -451,9 +480,16 @@ def test_light_splits_off_a_sun(tmp_path):
     image[20, 40] = [4000.0, 2000.0, 1000.0]
     io.write_image(tmp_path / "sun.exr", image)
     finished = shell(
-        "light", "sun.exr", "--split", "--size", "16", "--out", "out", "--json",
+        "light",
+        "sun.exr",
+        "--split",
+        "--size",
+        "16",
+        "--out",
+        "out",
+        "--json",
         cwd=tmp_path,
-    )  # fmt: skip
+    )
     assert finished.returncode == 0, finished.stderr
     result = json.loads(finished.stdout)
     (light,) = result["lights"]
@@ -477,9 +513,19 @@ def test_reflect_and_render_a_material(tmp_path):
     image[:16] = [0.5, 1.0, 2.0]
     io.write_image(tmp_path / "sky.exr", image)
     finished = shell(
-        "reflect", "sky.exr", "--material", "roughness=0.5,metallic=1,albedo=1,0.8,0.4",
-        "--maps", "4", "--size", "16", "--out", "out", "--json", cwd=tmp_path,
-    )  # fmt: skip
+        "reflect",
+        "sky.exr",
+        "--material",
+        "roughness=0.5,metallic=1,albedo=1,0.8,0.4",
+        "--maps",
+        "4",
+        "--size",
+        "16",
+        "--out",
+        "out",
+        "--json",
+        cwd=tmp_path,
+    )
     assert finished.returncode == 0, finished.stderr
     result = json.loads(finished.stdout)
     assert result["model"] == "lighting layer"
@@ -491,9 +537,20 @@ def test_reflect_and_render_a_material(tmp_path):
     assert (tmp_path / "out" / "sky_light.json").exists()
     trimesh.creation.icosphere(subdivisions=2).export(tmp_path / "ball.ply")
     drawn = shell(
-        "render", "ball.ply", "sky.exr", "--material", "roughness=0.5,albedo=0.2", "--size",
-        "24", "--maps", "4", "--out", "out", "--json", cwd=tmp_path,
-    )  # fmt: skip
+        "render",
+        "ball.ply",
+        "sky.exr",
+        "--material",
+        "roughness=0.5,albedo=0.2",
+        "--size",
+        "24",
+        "--maps",
+        "4",
+        "--out",
+        "out",
+        "--json",
+        cwd=tmp_path,
+    )
     assert drawn.returncode == 0, drawn.stderr
     record = json.loads(drawn.stdout)
     assert record["model"] == "lighting layer"

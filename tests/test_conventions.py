@@ -16,13 +16,63 @@ C = np.sqrt(3) / 2
 
 # The nine coefficients in each frame in terms of ours: (l, m) = 00, 1-1, 10, 11, ...
 FRAMES = {
-    "three.js": lambda z: [z[0], z[2], -z[1], z[3], z[7], -z[5], -0.5 * z[6] - C * z[8], -z[4], -C * z[6] + 0.5 * z[8]],
-    "openexr": lambda z: [z[0], z[2], z[3], z[1], z[5], z[7], -0.5 * z[6] + C * z[8], z[4], -C * z[6] - 0.5 * z[8]],
-    "rh01": lambda z: [z[0], z[2], z[3], -z[1], -z[5], z[7], -0.5 * z[6] + C * z[8], -z[4], -C * z[6] - 0.5 * z[8]],
-    "google spherical-harmonics": lambda z: [z[0], z[1], z[2], -z[3], -z[4], z[5], z[6], -z[7], z[8]],
-    "debevec": lambda z: [z[0], z[2], -z[3], -z[1], -z[5], -z[7], -0.5 * z[6] + C * z[8], z[4], -C * z[6] - 0.5 * z[8]],
+    "three.js": lambda z: [
+        z[0],
+        z[2],
+        -z[1],
+        z[3],
+        z[7],
+        -z[5],
+        -0.5 * z[6] - C * z[8],
+        -z[4],
+        -C * z[6] + 0.5 * z[8],
+    ],
+    "openexr": lambda z: [
+        z[0],
+        z[2],
+        z[3],
+        z[1],
+        z[5],
+        z[7],
+        -0.5 * z[6] + C * z[8],
+        z[4],
+        -C * z[6] - 0.5 * z[8],
+    ],
+    "rh01": lambda z: [
+        z[0],
+        z[2],
+        z[3],
+        -z[1],
+        -z[5],
+        z[7],
+        -0.5 * z[6] + C * z[8],
+        -z[4],
+        -C * z[6] - 0.5 * z[8],
+    ],
+    "google spherical-harmonics": lambda z: [
+        z[0],
+        z[1],
+        z[2],
+        -z[3],
+        -z[4],
+        z[5],
+        z[6],
+        -z[7],
+        z[8],
+    ],
+    "debevec": lambda z: [
+        z[0],
+        z[2],
+        -z[3],
+        -z[1],
+        -z[5],
+        -z[7],
+        -0.5 * z[6] + C * z[8],
+        z[4],
+        -C * z[6] - 0.5 * z[8],
+    ],
     "blender": lambda z: list(z),
-}  # fmt: skip
+}
 
 CLIENT_FILES = {
     "three_light_probe": "three.js",
@@ -75,7 +125,9 @@ def test_babylons_polynomial_holds_the_cosine_twice(rng):
     record = client("babylon_polynomial")
     axes = np.array(CONVENTIONS["babylon.js"].axes)
     gains = (np.asarray(shjax.cosine_kernel(2)) / np.pi) ** 2
-    lighting = np.array(record["input"]) * np.asarray(shjax.spread(gains))[:, None]
+    lighting = (
+        np.array(record["input"]) * np.asarray(shjax.harmonics.spread(gains))[:, None]
+    )
     normals = unit_vectors(rng, 50)
     expected = shjax.evaluate(lighting, normals)
     x, y, z = (normals @ axes.T).T

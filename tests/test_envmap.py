@@ -10,7 +10,19 @@ from shjax.sphere import fibonacci_directions
 from tests.helpers import relative_error, unit_vectors
 
 # Sides at which the pixels resolve a light of nine coefficients to 1e-5.
-SIDES = {"latlong": 64, "angular": 1024, "mirror_ball": 2048, "vertical_cross": 128, "horizontal_cross": 128, "vertical_strip": 128, "horizontal_strip": 128, "octahedral": 512, "dual_paraboloid": 512, "openexr_latlong": 512, "openexr_cube": 128}  # fmt: skip
+SIDES = {
+    "latlong": 64,
+    "angular": 1024,
+    "mirror_ball": 2048,
+    "vertical_cross": 128,
+    "horizontal_cross": 128,
+    "vertical_strip": 128,
+    "horizontal_strip": 128,
+    "octahedral": 512,
+    "dual_paraboloid": 512,
+    "openexr_latlong": 512,
+    "openexr_cube": 128,
+}
 SIZES = {name: LAYOUTS[name].shape(side) for name, side in SIDES.items()}
 OF_A_CUBE = ("vertical_cross", "horizontal_cross", "vertical_strip", "openexr_cube")
 
@@ -234,7 +246,13 @@ def test_samples_integrate_constants():
 
 
 def test_layout_is_guessed_and_said():
-    shapes = {"angular": (100, 100), "vertical_cross": (80, 60), "horizontal_cross": (60, 80), "vertical_strip": (60, 10), "horizontal_strip": (10, 60)}  # fmt: skip
+    shapes = {
+        "angular": (100, 100),
+        "vertical_cross": (80, 60),
+        "horizontal_cross": (60, 80),
+        "vertical_strip": (60, 10),
+        "horizontal_strip": (10, 60),
+    }
     for name, shape in shapes.items():
         assert guess_layout(*shape) == name
     envmap = shjax.make_envmap(np.ones((8, 16, 3), np.float32))

@@ -52,9 +52,13 @@ def test_the_erratum_is_the_probes_own(data):
     u, v = np.meshgrid(*2 * [(np.arange(n) + 0.5) / n * 2 - 1])
     one = np.ones_like(u)
     faces = {
-        (0, 1): (u, one, v), (1, 0): (-one, -v, u), (1, 1): (u, -v, one),
-        (1, 2): (one, -v, -u), (2, 1): (u, -one, -v), (3, 1): (u, v, -one),
-    }  # fmt: skip
+        (0, 1): (u, one, v),
+        (1, 0): (-one, -v, u),
+        (1, 1): (u, -v, one),
+        (1, 2): (one, -v, -u),
+        (2, 1): (u, -one, -v),
+        (3, 1): (u, v, -one),
+    }
     total = 0.0
     for (row, column), (x, y, z) in faces.items():
         tile = green[row * n : (row + 1) * n, column * n : (column + 1) * n]
@@ -128,9 +132,12 @@ def test_importance_sampling_is_the_integral(dtype):
     sigma, few = brdf.gaussian_microfacet(0.3), 256
     views = shjax.sphere.normalize(towards + 0.3)
     found = importance.reflect(
-        levels, sigma, towards, views,
+        levels,
+        sigma,
+        towards,
+        views,
         draw=lambda n, v: importance.draw_microfacet(0.3, few, n, v),
-    )  # fmt: skip
+    )
     exact = shjax.reference_reflection(
         jnp.ones((128, 256, 3), dtype), sigma, towards, views
     )
@@ -172,11 +179,11 @@ def test_the_lighting_layer_beats_split_sum_and_the_harmonics(data):
     rows = lighting_layer.all_roughnesses(3)
     for f0 in ("0.04", "1"):
         errors = {name: row[f"mean {f0}"] for name, row in rows.items()}
-        assert errors["adapted 9"] < 0.5 * errors["thesis 9"]
-        assert errors["adapted 9"] < 0.25 * errors["split-sum"]
-        assert errors["adapted 21"] < errors["adapted 16"] < errors["adapted 9"]
-    assert rows["adapted 9"]["worst 0.04"] < 1.1 * 7.1
-    assert "adapted 9" in lighting_layer.markdown(
+        assert errors["low-rank 9"] < 0.5 * errors["thesis 9"]
+        assert errors["low-rank 9"] < 0.25 * errors["split-sum"]
+        assert errors["low-rank 21"] < errors["low-rank 16"] < errors["low-rank 9"]
+    assert rows["low-rank 9"]["worst 0.04"] < 1.1 * 7.1
+    assert "low-rank 9" in lighting_layer.markdown(
         {
             "one over l squared": rows,
             "panoramas, GGX 0.2": {},
@@ -193,13 +200,16 @@ def test_split_sum_is_exact_under_constant_light(rng, dtype):
     normals = jnp.tile(jnp.asarray([0.0, 0.0, 1.0], jnp.float32), (3, 1))
     views = np.stack([np.sqrt(1 - cosines**2), 0 * cosines, cosines], -1)
     seen = split_sum.shade(
-        split_sum.prefilter(coefs), normals, jnp.asarray(views, jnp.float32),
-        albedo=jnp.ones((3, 3), jnp.float32), metallic=jnp.ones(3, jnp.float32),
+        split_sum.prefilter(coefs),
+        normals,
+        jnp.asarray(views, jnp.float32),
+        albedo=jnp.ones((3, 3), jnp.float32),
+        metallic=jnp.ones(3, jnp.float32),
         roughness=jnp.full(3, np.sqrt(0.5), jnp.float32),
-    )  # fmt: skip
+    )
     model = brdf.ggx(np.float32(0.5), np.float32(1.0))
     angles = jnp.asarray(2 * np.arccos(cosines), jnp.float32)
-    exact = brdf.quadrature.outgoing_flux(brdf.core.prepared(model), angles, 96, 64)
+    exact = brdf.flux.outgoing_flux(brdf.core.prepared(model), angles, 96, 64)
     np.testing.assert_allclose(seen[:, 0], exact[:, 0], rtol=2e-3)
 
 

@@ -94,9 +94,12 @@ def test_a_camera_of_whole_numbers_is_that_of_floats(kind):
 
 def test_what_is_no_camera_is_refused_by_name():
     for name, value in (
-        ("origin", (1, 2)), ("up", "z"), ("target", (0, np.nan, 0)), ("width", True),
+        ("origin", (1, 2)),
+        ("up", "z"),
+        ("target", (0, np.nan, 0)),
+        ("width", True),
         ("fov", [1]),
-    ):  # fmt: skip
+    ):
         with pytest.raises(ValueError, match=f"camera.{name} must be"):
             render.Camera(**{name: value})
 
@@ -249,17 +252,38 @@ def test_probes_of_editors_and_scenes(tmp_path, rng):
 def test_a_closed_pipe_and_a_name_of_no_encoding(tmp_path):
     name = os.fsencode(tmp_path) + b"/\xff.exr"
     done = subprocess.run(
-        [sys.executable, "-m", "shjax", "convert", name, tmp_path / "a.json", "--to", "json"],
-        capture_output=True, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "shjax",
+            "convert",
+            name,
+            tmp_path / "a.json",
+            "--to",
+            "json",
+        ],
+        capture_output=True,
+        check=False,
+    )
     assert done.returncode == 2
     assert done.stderr.count(b"\n") == 1
     read, write = os.pipe()
     os.close(read)
     done = subprocess.run(
-        [sys.executable, "-m", "shjax", "convert", io.shipped_panorama(), tmp_path / "a.json", "--to", "json"],
-        stdout=write, stderr=subprocess.PIPE, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "shjax",
+            "convert",
+            io.shipped_panorama(),
+            tmp_path / "a.json",
+            "--to",
+            "json",
+        ],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        check=False,
+    )
     os.close(write)
     assert (done.returncode, done.stderr) == (1, b"")
     assert io.read_coefs(tmp_path / "a.json").shape == (9, 3)
@@ -342,10 +366,11 @@ def test_caps_over_smooth_surfaces(rng):
         cap = lights.cap_light(jnp.asarray(axis), np.radians(angle), jnp.ones(1))
         found = lights.cap_reflection(cap, model, normals, views)[:, 0]
         nodes, shares = lights.cap_nodes(cap, jnp.float64, rings, 2 * rings)
-        exact = shjax.reference_reflection_samples(
-            jnp.ones((nodes.shape[1], 1)), nodes[0], shares * cap.flux[0, 0], model,
-            jnp.asarray(normals), jnp.asarray(views),
-        )[:, 0]  # fmt: skip
+        light = shjax.EnvironmentMap.from_samples(
+            jnp.ones((nodes.shape[1], 1)), nodes[0], shares * cap.flux[0, 0]
+        )
+        pair = (jnp.asarray(normals), jnp.asarray(views))
+        exact = shjax.reference_reflection(light, model, *pair)[:, 0]
         assert relative_error(found, exact) < 3e-3
     sky = lights.hemisphere_light(jnp.asarray([0.3, 0, 1]), jnp.ones(1), jnp.ones(1))
     white = lights.cap_reflection(sky, model, normals, views)[:, 0]
@@ -423,7 +448,7 @@ def test_large_tables_are_arguments_of_programs(dtype):
         ),
         "_on_grids": (lambda a: shjax.prefilter_light(a, maps=4), coefs),
         "_rotate": (lambda a: shjax.rotate(a, jnp.eye(3, dtype=dtype)), coefs),
-        "_prefilter_in": (lambda a: shjax.prefilter(a, rho), coefs),
+        "on_grid": (lambda a: shjax.prefilter(a, rho), coefs),
     }
     for name, (call, argument) in calls.items():
         outer = jax.make_jaxpr(call)(argument)

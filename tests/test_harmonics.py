@@ -35,12 +35,18 @@ def test_first_nine_are_the_papers(rng, dtype):
     x, y, z = d.T
     paper = np.stack(
         [
-            np.full_like(x, 0.282095), 0.488603 * y, 0.488603 * z, 0.488603 * x,
-            1.092548 * x * y, 1.092548 * y * z, 0.315392 * (3 * z * z - 1),
-            1.092548 * x * z, 0.546274 * (x * x - y * y),
+            np.full_like(x, 0.282095),
+            0.488603 * y,
+            0.488603 * z,
+            0.488603 * x,
+            1.092548 * x * y,
+            1.092548 * y * z,
+            0.315392 * (3 * z * z - 1),
+            1.092548 * x * z,
+            0.546274 * (x * x - y * y),
         ],
         axis=-1,
-    )  # fmt: skip
+    )
     ours = shjax.basis(jnp.asarray(d, dtype), l_max=2)
     np.testing.assert_allclose(ours, paper, atol=1e-6)
 
@@ -190,9 +196,15 @@ def test_half_precision_is_widened_and_integers_refused():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: shjax.analyze(np.ones((4, 8, 3)), l_max=2), "at least 2 l_max [+] 1 = 5"),
+        (
+            lambda: shjax.analyze(np.ones((4, 8, 3)), l_max=2),
+            "at least 2 l_max [+] 1 = 5",
+        ),
         (lambda: shjax.analyze(np.ones((8, 4, 3)), l_max=2), "got 8 x 4"),
-        (lambda: shjax.analyze(np.ones((8, 8)), l_max=2), r"\(..., n_theta, n_phi, C\)"),
+        (
+            lambda: shjax.analyze(np.ones((8, 8)), l_max=2),
+            r"\(..., n_theta, n_phi, C\)",
+        ),
         (lambda: shjax.analyze(np.ones((8, 8, 1)), l_max=-1), "l_max must be"),
         (lambda: shjax.analyze(np.ones((8, 8, 1)), l_max=1.5), "l_max must be"),
         (lambda: shjax.analyze(np.ones((8, 8, 1)), l_max=1025), "at most 1024"),
@@ -201,18 +213,20 @@ def test_half_precision_is_widened_and_integers_refused():
         (lambda: shjax.synthesize(np.ones((9, 3)), n_theta=0, n_phi=4), "positive"),
         (lambda: shjax.evaluate(np.ones((9, 3)), np.ones((4, 2))), r"\(..., 3\)"),
         (
-            lambda: shjax.project_samples(np.ones((5, 1)), np.ones((4, 3)), np.ones(5), l_max=1),
+            lambda: shjax.project_samples(
+                np.ones((5, 1)), np.ones((4, 3)), np.ones(5), l_max=1
+            ),
             r"directions must have shape \(5, 3\)",
         ),
     ],
-)  # fmt: skip
+)
 def test_wrong_shapes_are_refused_by_name(call, message):
     with pytest.raises(ValueError, match=message):
         call()
 
 
 def test_spread_repeats_over_the_orders():
-    gains = np.asarray(shjax.spread(jnp.array([1.0, 2.0, 3.0])))
+    gains = np.asarray(shjax.harmonics.spread(jnp.array([1.0, 2.0, 3.0])))
     assert gains.tolist() == [1, 2, 2, 2, 3, 3, 3, 3, 3]
     assert layout.degrees(3).shape == (16,)
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import shjax
-from experiments import adapted_tables
+from experiments import low_rank_tables
 from experiments.data import PANORAMAS
 from shjax import brdf, ibl, io
-from shjax.adapted import RANKS, family
-from shjax.adapted.ggx import LEVELS
-from shjax.brdf.quadrature import outgoing_flux
+from shjax.brdf.flux import outgoing_flux
 from shjax.envmap import make_envmap
-from shjax.sampling import draw_orientations, measured_error
+from shjax.ibl.ggx_tables import LEVELS, ggx_tables
+from shjax.reference.random_orientations import draw_orientations, measured_error
+from shjax.reflection.ranks import RANKS
 from shjax.sphere import normalize
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
@@ -125,7 +125,7 @@ def test_predicted_error_is_the_measured_one(name, panoramas):
     for number, (panorama, coefs) in enumerate(list(panoramas.items())[half::2]):
         maps = [9, 4, 16, 9][number]
         light = ibl.prefilter_light(coefs, maps=maps)
-        predicted = ibl.predicted_shading_error(light, **material)
+        predicted = light.with_material(**material).predicted_rms_error
         exact = shjax.synthesize(coefs, n_theta=rows, n_phi=2 * rows)
         truth = shjax.reference_reflection(exact, surface, normals, views)
         seen = ibl.shade(light, normals, views, **as_arrays(material))
@@ -163,7 +163,7 @@ def test_small_lights_are_shaded_apart(rng):
         assert len(light.lights.heights) == min(count, 1)
         seen = ibl.shade(light, normals, views, **as_arrays(metal))
         errors[count] = measured_error(seen, truth, samples.weights)
-        predicted = ibl.predicted_shading_error(light, **metal)
+        predicted = light.with_material(**metal).predicted_rms_error
         limit = 0.05 * predicted + 3 * errors[count].standard_error
         assert abs(errors[count].rms - predicted) < max(limit, 2e-3)
     assert errors[4].rms < 0.2 * errors[0].rms
@@ -230,19 +230,34 @@ def test_gradients(rng):
     metallic = jnp.asarray(rng.uniform(0.1, 0.9, n))
     check_gradients(
         lambda n, v, r, a, m, f: ibl.shade(
-            ibl.prefilter_light(coefs, maps=4), normalize(n), normalize(v),
-            roughness=r, albedo=a, metallic=m, f0=f,
+            ibl.prefilter_light(coefs, maps=4),
+            normalize(n),
+            normalize(v),
+            roughness=r,
+            albedo=a,
+            metallic=m,
+            f0=f,
         ),
-        normals, views, rough, albedo, metallic, jnp.asarray(0.05),
+        normals,
+        views,
+        rough,
+        albedo,
+        metallic,
+        jnp.asarray(0.05),
         tolerance=1e-6,
-    )  # fmt: skip
+    )
     check_gradients(
         lambda c: ibl.shade(
-            ibl.prefilter_light(c, maps=4), normals, views, roughness=rough,
-            albedo=albedo, metallic=metallic,
+            ibl.prefilter_light(c, maps=4),
+            normals,
+            views,
+            roughness=rough,
+            albedo=albedo,
+            metallic=metallic,
         ),
-        coefs, tolerance=1e-8,
-    )  # fmt: skip
+        coefs,
+        tolerance=1e-8,
+    )
 
 
 @pytest.mark.slow
@@ -298,9 +313,9 @@ def test_single_precision_serves(rng, smooth):
 @pytest.mark.slow
 @pytest.mark.x64
 def test_shipped_tables_are_what_the_script_makes():
-    kernels = adapted_tables.family_kernels()
-    profiles, views, error = adapted_tables.packed(kernels, 4)
-    fit = family(4)
+    kernels = low_rank_tables.family_kernels()
+    profiles, views, error = low_rank_tables.packed(kernels, 4)
+    fit = ggx_tables(4)
     assert relative_error(profiles, np.concatenate(fit.profiles)) < 1e-3
     low = fit.tables.reshape(3, 17, -1, 2)[:, :, [0, 32, 64]]
     polynomials = np.polynomial.chebyshev.chebvander(np.array([-1.0, 0, 1]), 11)
@@ -315,7 +330,7 @@ def test_what_is_refused(rng, dtype, smooth):
         ibl.prefilter_light(jnp.zeros((9, 3), dtype), maps=5)
     with pytest.raises(ValueError, match="max_lights must be >= 0; got -1"):
         ibl.prefilter_light(jnp.zeros((9, 3), dtype), max_lights=-1)
-    with pytest.raises(ValueError, match="envmap_or_lighting"):
+    with pytest.raises(ValueError, match="light_or_lighting"):
         ibl.prefilter_light(jnp.zeros((8, 3), dtype))
     with pytest.raises(ValueError, match="views must have the shape of normals"):
         ibl.shade(smooth, normals, views[:4], albedo=1.0, roughness=0.5)
@@ -324,7 +339,7 @@ def test_what_is_refused(rng, dtype, smooth):
     with pytest.raises(IndexError, match=r"level must lie in \[0, 4\]"):
         smooth.level(5)
     with pytest.raises(ValueError, match=r"roughness must lie in \(0, 1\]"):
-        ibl.predicted_shading_error(smooth, albedo=0.5, roughness=0.0)
+        _ = smooth.with_material(albedo=0.5, roughness=0.0).predicted_rms_error
 
 
 def test_a_shader_can_be_written_from_the_files(tmp_path, rng, dtype, smooth):
@@ -438,9 +453,13 @@ def test_a_shader_can_be_written_from_the_files(tmp_path, rng, dtype, smooth):
             1 - metallic
         ) / np.pi * np.asarray(matte)
         found = ibl.shade(
-            light, normals[4 + i], views[4 + i], albedo=jnp.asarray(albedo, dtype),
-            roughness=jnp.asarray(roughness, dtype), metallic=jnp.asarray(metallic, dtype),
-        )  # fmt: skip
+            light,
+            normals[4 + i],
+            views[4 + i],
+            albedo=jnp.asarray(albedo, dtype),
+            roughness=jnp.asarray(roughness, dtype),
+            metallic=jnp.asarray(metallic, dtype),
+        )
         np.testing.assert_allclose(found, expected, rtol=3e-3)
     with pytest.raises(ValueError, match=r"path must end in \.exr"):
         io.write_prefiltered(tmp_path / "light.png", light)

@@ -12,14 +12,16 @@ from PIL import Image
 import shjax
 from shjax import render
 from shjax.harmonics.degrees import degrees
-from shjax.inverse import decode, surfaces, visible_cosine
-from shjax.inverse.compression import compress
-from shjax.inverse.glossy import light_up, reflected, table_to
-from shjax.inverse.pictures import Pixels
+from shjax.inverse import PicturePrior, Surface, decode, visible_cosine
+from shjax.inverse.linear.compression import compress
+from shjax.inverse.shown import surface as shown_surface
+from shjax.inverse.shown.glossy import light_up, reflected, table_to
+from shjax.inverse.shown.pixels import Pixels
 from shjax.render.loading import load_mesh
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT
 
+UP = np.tile([0.0, 0, 1], (5, 1))
 least_squares = functools.partial(shjax.estimate_lighting, prior=None)
 MITSUBA_AXES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # (x, y, z) = (z, x, y)_M
 
@@ -120,7 +122,7 @@ def test_constant_light_from_a_large_picture():
     """Long sums of like terms in float32."""
     light = shjax.analyze(np.ones((64, 128, 3), np.float32), l_max=2)
     ball = render.sphere(192)
-    picture = jnp.asarray(render.lambertian(ball, light), jnp.float32)
+    picture = jnp.asarray(render.image(ball, light), jnp.float32)
     normals = jnp.asarray(ball.normals, jnp.float32)
     estimate = least_squares(picture, normals, mask=np.asarray(ball.mask) == 1)
     assert relative_error(estimate.value, light) < 1e-5
@@ -191,7 +193,7 @@ def test_a_dark_outline_that_is_not_masked_is_told(dtype):
     """Pixels that a sphere covers in part, taken whole, fit no light at all."""
     ball = shjax.render.sphere(16)
     light = jnp.zeros((9, 1), dtype).at[0].set(1.8).at[2].set(0.5)
-    image = shjax.render.lambertian(ball, light)
+    image = shjax.render.image(ball, light)
     estimate = shjax.estimate_lighting(image, ball.normals)
     assert estimate.value[0, 0] < 0
     assert "look for pixels on an outline" in estimate.message
@@ -220,8 +222,8 @@ def test_condition_numbers_of_the_whole_and_half_sphere():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"normals": np.ones((4, 3))}, "normals must have shape"),
-        ({"normals": np.full((5, 3), 0.9)}, "unit length"),
+        ({"normals_or_surface": np.ones((4, 3))}, "normals must have shape"),
+        ({"normals_or_surface": np.full((5, 3), 0.9)}, "unit length"),
         ({"mask": np.ones(4)}, "mask must have shape"),
         ({"mask": -np.ones(5)}, "mask must not be negative"),
         ({"image": np.full((5, 1), np.nan)}, "image must be finite"),
@@ -231,19 +233,28 @@ def test_condition_numbers_of_the_whole_and_half_sphere():
         ({"noise": -1.0}, "noise must be a number >= 0"),
         ({"noise": np.nan}, "noise must be a number >= 0"),
         ({"l_max": -1}, "l_max"),
-        ({"prior": "sky"}, "prior must be 'picture', None or numbers"),
-        ({"prior": np.ones(3)}, "one standard deviation a degree"),
+        ({"prior": "sky"}, "prior must be 'picture', a PicturePrior, None or numbers"),
+        ({"prior": np.ones(2)}, "one standard deviation per degree"),
         ({"prior": np.zeros(11)}, "prior must be positive"),
         ({"clipped": np.ones((5, 3), bool)}, "clipped must have the shape"),
-        ({"rows": np.ones((5, 9))}, "rows stand in place of normals"),
-        ({"normals": None}, "normals must be given"),
-        ({"normals": None, "rows": np.ones((5, 7))}, "rows must have shape"),
-        ({"brdf": shjax.brdf.kajiya_kay(9.0)}, "views must have shape"),
+        ({"normals_or_surface": None}, "normals_or_surface must be given"),
+        ({"normals_or_surface": Surface.rows(np.ones((5, 7)))}, "rows must have shape"),
+        (
+            {
+                "normals_or_surface": Surface.glossy(
+                    UP, UP[:4], shjax.brdf.kajiya_kay(9.0)
+                )
+            },
+            "views must have shape",
+        ),
+        (
+            {"normals_or_surface": Surface.glossy(UP, UP, shjax.brdf.kajiya_kay(9.0))},
+            "it has fibres",
+        ),
     ],
 )
 def test_wrong_arguments_are_refused(change, message):
-    up = np.tile([0.0, 0, 1], (5, 1))
-    arguments = {"image": np.ones((5, 1)), "normals": up} | change
+    arguments = {"image": np.ones((5, 1)), "normals_or_surface": UP} | change
     with pytest.raises(ValueError, match=message):
         shjax.estimate_lighting(**arguments)
 
@@ -294,12 +305,18 @@ def test_a_picture_by_another_renderer(data, env, plain_error):
     c = [0.282095, 0.488603, 1.092548, 0.315392, 0.546274]
     design = np.stack(
         [
-            c[0] + 0 * x, 2 / 3 * c[1] * x, 2 / 3 * c[1] * y, 2 / 3 * c[1] * z,
-            c[2] * z * x / 4, c[2] * x * y / 4, c[3] * (3 * y * y - 1) / 4,
-            c[2] * z * y / 4, c[4] * (z * z - x * x) / 4,
+            c[0] + 0 * x,
+            2 / 3 * c[1] * x,
+            2 / 3 * c[1] * y,
+            2 / 3 * c[1] * z,
+            c[2] * z * x / 4,
+            c[2] * x * y / 4,
+            c[3] * (3 * y * y - 1) / 4,
+            c[2] * z * y / 4,
+            c[4] * (z * z - x * x) / 4,
         ],
         axis=-1,
-    )  # fmt: skip
+    )
     other = np.linalg.lstsq(design, image[mask], rcond=None)[0]
     assert relative_error(estimate.value, other) < 1e-5
 
@@ -324,7 +341,7 @@ def test_light_of_the_exact_sphere_is_biased_by_one_view(data):
     envmap = shjax.io.read_envmap(data / "hdri" / "sunset.exr").to_latlong(64)
     ball = render.sphere(48)
     samples = [jnp.asarray(part, np.float32) for part in envmap.samples()]
-    picture = render.lambertian_reference(ball, *samples)
+    picture = render.reference(ball, shjax.EnvironmentMap.from_samples(*samples))
     normals = jnp.asarray(ball.normals, picture.dtype)
     estimate = least_squares(picture, normals, mask=np.asarray(ball.mask) == 1)
     error = relative_error(estimate.value, envmap.lighting(l_max=2))
@@ -460,7 +477,7 @@ def test_gradients_with_the_prior_and_with_robust_losses(plain, rng):
     noisy = jnp.asarray(image[:120] + 0.1 * rng.normal(size=(120, 3)))
     some = jnp.asarray(normals[:120])
     check_gradients(
-        lambda i: shjax.estimate_lighting(i, some, fit_l_max=4).value,
+        lambda i: shjax.estimate_lighting(i, some, prior=PicturePrior(4)).value,
         noisy,
         tolerance=1e-6,
     )
@@ -550,16 +567,16 @@ def test_intervals_know_of_light_above_the_fit(rng, noise):
 @pytest.mark.x64
 @pytest.mark.parametrize("count", [30, 200])  # fewer and more pixels than unknowns
 def test_what_the_fit_leaves_out_is_seen_block_by_block(rng, monkeypatch, count):
-    monkeypatch.setattr(surfaces, "_PIXELS_AT_ONCE", 64)
+    monkeypatch.setattr(shown_surface, "_PIXELS_AT_ONCE", 64)
     normals, albedo = unit_vectors(rng, count), rng.uniform(0.1, 1, (count, 2))
     weights = rng.uniform(0, 1, (count, 2)) * (rng.uniform(size=(count, 1)) > 0.2)
     image = jnp.asarray(rng.uniform(size=(count, 2)))
     pixels = Pixels(image, jnp.asarray(weights[:, 0]), jnp.asarray(albedo))
-    surface = surfaces.Surface(pixels, normals=jnp.asarray(normals))
-    design = surfaces.design_of(surface, 6, 0.0)
+    picture = shown_surface.Picture(pixels, Surface.matte(jnp.asarray(normals)))
+    design = picture.design(6)
     problem = compress(design, image, jnp.asarray(weights))
-    found = surfaces.beyond_seen_by(problem, surface, 12, 0.0)
-    whole = np.asarray(surfaces.design_of(surface, 12, 0.0))
+    found = shown_surface.beyond_seen_by(problem, picture, 12)
+    whole = np.asarray(picture.design(12))
     fitted = design.shape[2]
     expected = np.einsum(
         "cnj,nc,cnt->ctj", design, weights, whole[..., fitted:]
@@ -579,11 +596,11 @@ def test_lighting_from_a_glossy_surface(rng):
     image = shjax.reference_reflection(
         panorama, surface, jnp.asarray(normals), jnp.asarray(views)
     )
-    estimate = least_squares(image, normals, views=views, brdf=surface, l_max=5)
+    estimate = least_squares(image, Surface.glossy(normals, views, surface), l_max=5)
     assert estimate.ok
     assert relative_error(estimate.value, lighting) < 0.01
     with pytest.raises(ValueError, match="views must have shape"):
-        least_squares(image, normals, brdf=surface)
+        least_squares(image, Surface(normals=normals, brdf=surface))
 
 
 @pytest.mark.x64
@@ -593,7 +610,7 @@ def test_predicted_picture_has_an_error_bar(plain, rng):
     ball = render.sphere(24)
     estimate = least_squares(noisy, normals)
     picture, deviation = estimate.predict(ball)
-    truth = render.lambertian(ball, jnp.asarray(lighting))
+    truth = render.image(ball, jnp.asarray(lighting))
     seen = np.asarray(ball.mask) > 0
     apart = np.abs(np.asarray(picture - truth))[seen] / np.asarray(deviation)[seen]
     assert 0.3 < np.mean(apart < 1) < 1
@@ -618,7 +635,7 @@ def test_a_mesh_that_shadows_itself(data):
     facing = np.sum(np.asarray(ball.normals) * np.asarray(ball.views), axis=-1) > 0.2
     mask = (np.asarray(ball.mask) == 1) & facing
     truth = mitsuba_lighting(data / "renders/envs/band2.exr", 2)
-    shadowed = least_squares(image, None, rows=rows, mask=mask, albedo=0.8)
+    shadowed = least_squares(image, Surface.rows(rows), mask=mask, albedo=0.8)
     without = least_squares(image, np.asarray(ball.normals), mask=mask, albedo=0.8)
     assert relative_error(without.value, truth) > 0.1
     assert relative_error(shadowed.value, truth) < 0.05
@@ -664,9 +681,8 @@ def test_a_glossy_prediction_is_the_picture(rng):
     picture = render.reference(ball, panorama, surface)
     facing = np.sum(np.asarray(ball.normals * ball.views), axis=-1) > 0.25
     whole = (np.asarray(ball.mask) == 1) & facing
-    estimate = least_squares(
-        picture, ball.normals, views=ball.views, brdf=surface, mask=whole, l_max=5
-    )
+    shown = Surface.glossy(ball.normals, ball.views, surface)
+    estimate = least_squares(picture, shown, mask=whole, l_max=5)
     again, deviation = estimate.predict(ball)
     assert relative_error(again[whole], picture[whole]) < 2e-3
     assert np.all(np.isfinite(np.asarray(deviation)))

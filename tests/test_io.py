@@ -9,7 +9,7 @@ import pytest
 
 import shjax
 from shjax import io
-from shjax.io.colour import decode_srgb, encode_srgb
+from shjax.colour import decode_srgb, encode_srgb
 from shjax.io.writing import replacing
 from tests.variants import new_runs, old_runs
 

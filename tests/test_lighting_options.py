@@ -6,18 +6,24 @@ import pytest
 
 import shjax
 from shjax.harmonics.degrees import degrees
-from shjax.inverse.positive import smooth_radiance
+from shjax.inverse import estimate_albedo, estimate_exposure, nonnegative
+from shjax.inverse.nonnegative import smooth_radiance
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
 
 def pictures(rng, lights, normals):
     """Radiance of a white matte surface by the polynomial in the normal."""
-    return np.stack(
-        [
-            np.asarray(shjax.irradiance_polynomial(jnp.asarray(l), jnp.asarray(normals)))
-            for l in lights
-        ]
-    ) / np.pi  # fmt: skip
+    return (
+        np.stack(
+            [
+                np.asarray(
+                    shjax.irradiance_polynomial(jnp.asarray(l), jnp.asarray(normals))
+                )
+                for l in lights
+            ]
+        )
+        / np.pi
+    )
 
 
 def lights_of(rng, count, channels=3):
@@ -39,25 +45,26 @@ def test_unknown_albedo_from_several_lights(rng):
     albedo = rng.uniform(0.2, 0.9, (800, 3))
     albedo /= albedo.mean(axis=0)
     image = pictures(rng, lights, normals) * albedo
-    found = shjax.estimate_lighting(image, normals, albedo=None, prior=None)
-    assert found.value.shape == (9, 12)
-    assert found.details["albedo"].shape == (800, 3)
-    assert relative_error(found.details["albedo"], albedo) < 1e-6
-    assert relative_error(found.value, np.moveaxis(lights, 0, 1).reshape(9, 12)) < 1e-6
+    found = estimate_albedo(image, normals, prior=None)
+    assert found.lighting.value.shape == (9, 12)
+    assert found.albedo.shape == (800, 3)
+    assert relative_error(found.albedo, albedo) < 1e-6
+    assert (
+        relative_error(found.lighting.value, np.moveaxis(lights, 0, 1).reshape(9, 12))
+        < 1e-6
+    )
     noisy = image + 0.01 * rng.normal(size=image.shape)
-    found = shjax.estimate_lighting(noisy, normals, albedo=None, prior=None)
-    assert relative_error(found.details["albedo"], albedo) < 0.02
+    found = estimate_albedo(noisy, normals, prior=None)
+    assert relative_error(found.albedo, albedo) < 0.02
 
 
 @pytest.mark.usefixtures("as_a_user")
 def test_unknown_albedo_needs_several_lights(rng):
     normals = front(rng, 50)
     with pytest.raises(ValueError, match="of V >= 2 lights"):
-        shjax.estimate_lighting(np.ones((1, 50, 3)), normals, albedo=None)
-    with pytest.raises(ValueError, match="for a matte surface"):
-        shjax.estimate_lighting(
-            np.ones((2, 50, 3)), normals, albedo=None, brdf=shjax.brdf.phong(3.0)
-        )
+        estimate_albedo(np.ones((1, 50, 3)), normals)
+    with pytest.raises(ValueError, match="normals must have shape"):
+        estimate_albedo(np.ones((2, 40, 3)), normals)
 
 
 @pytest.mark.x64
@@ -70,13 +77,13 @@ def test_exposure_and_white_balance_of_several_pictures(rng, prior):
     gains = np.array([[1.0, 1, 1], [2.5, 2.0, 1.5], [0.4, 0.5, 0.7]])
     image = np.stack([pictures(rng, [light], n)[0] for n in normals])
     image = image * gains[:, None] + 0.003 * rng.normal(size=image.shape)
-    found = shjax.estimate_lighting(image, normals, prior=prior, balance=True)
-    assert found.converged
-    np.testing.assert_allclose(found.details["gains"], gains, rtol=3e-3)
-    assert relative_error(found.value, light) < 5e-3
-    assert float(np.max(found.residual_norm)) < 0.004 * np.sqrt(900)
-    with pytest.raises(ValueError, match="balance needs pictures"):
-        shjax.estimate_lighting(image[0], normals[0], balance=True)
+    found = estimate_exposure(image, normals, prior=prior)
+    assert found.lighting.converged
+    np.testing.assert_allclose(found.gains, gains, rtol=3e-3)
+    assert relative_error(found.lighting.value, light) < 5e-3
+    assert float(np.max(found.lighting.residual_norm)) < 0.004 * np.sqrt(900)
+    with pytest.raises(ValueError, match="images must have shape"):
+        estimate_exposure(image[0], normals[0])
 
 
 @pytest.mark.slow
@@ -88,7 +95,7 @@ def test_gradient_through_the_balance(rng):
     image = jnp.asarray(image * np.array([1, 2.0])[:, None, None])
     image = image + 0.05 * rng.normal(size=image.shape)
     check_gradients(
-        lambda i: shjax.estimate_lighting(i, normals, prior=None, balance=True).value,
+        lambda i: estimate_exposure(i, normals, prior=None).lighting.value,
         image,
         tolerance=1e-6,
         transpose=1e-8,
@@ -107,7 +114,7 @@ def test_light_that_is_nowhere_negative(rng):
     )
     image = image + 0.02 * rng.normal(size=image.shape)
     free = shjax.estimate_lighting(image, normals)
-    held = shjax.estimate_lighting(image, normals, nonnegative=True)
+    held = nonnegative(free)
     table = np.asarray(smooth_radiance(10))
     assert (table @ np.asarray(light)).min() > -1e-12  # a lamp satisfies it
     darkest = [float((table @ np.asarray(e.full_value)).min()) for e in (free, held)]
@@ -125,7 +132,7 @@ def test_positive_light_is_left_as_it_is(rng):
     light[0] = 4
     image = pictures(rng, [light], normals)[0]
     free = shjax.estimate_lighting(image, normals, prior=None)
-    held = shjax.estimate_lighting(image, normals, prior=None, nonnegative=True)
+    held = nonnegative(free)
     assert relative_error(held.value, free.value) < 1e-6
 
 
@@ -141,5 +148,9 @@ def test_the_kernel_is_not_negative():
     )
     exact = 7 / (4 * np.pi) * ((1 + cosine) / 2) ** 6
     np.testing.assert_allclose(legendre(cosine), exact, atol=1e-12)
-    np.testing.assert_allclose(table[:, 1] / table[:, 0] / np.sqrt(3) / (6 / 8), shjax.sphere.fibonacci_directions(196)[:, 1], atol=1e-6)  # fmt: skip
+    np.testing.assert_allclose(
+        table[:, 1] / table[:, 0] / np.sqrt(3) / (6 / 8),
+        shjax.sphere.fibonacci_directions(196)[:, 1],
+        atol=1e-6,
+    )
     assert degrees(6)[-1] == 6

@@ -86,9 +86,16 @@ def test_killed_at_any_moment(folder):
                 assert io.read_image(path).size
     assert shell(*call[3:]).returncode == 2  # for the bad file
     assert {p.name for p in out.iterdir()} == {
-        f"{n}_{part}" for n in "abc"
-        for part in ("lighting.json", "irradiance.exr", "irradiance.png", "spheres.exr", "spheres.png")
-    }  # fmt: skip
+        f"{n}_{part}"
+        for n in "abc"
+        for part in (
+            "lighting.json",
+            "irradiance.exr",
+            "irradiance.png",
+            "spheres.exr",
+            "spheres.png",
+        )
+    }
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path):
@@ -215,9 +222,12 @@ def test_tone_mapping_by_aces_is_opencolorios(rng):
     config = oiio.ColorConfig("ocio://default")
     assert any("ACES 2.0" in view for view in config.getViewNames("sRGB - Display"))
     theirs = oiio.ImageBufAlgo.ociodisplay(
-        oiio.ImageBuf(image), "sRGB - Display", "ACES 2.0 - SDR 100 nits (Rec.709)",
-        "Linear Rec.709 (sRGB)", colorconfig="ocio://default",
-    ).get_pixels(oiio.FLOAT)  # fmt: skip
+        oiio.ImageBuf(image),
+        "sRGB - Display",
+        "ACES 2.0 - SDR 100 nits (Rec.709)",
+        "Linear Rec.709 (sRGB)",
+        colorconfig="ocio://default",
+    ).get_pixels(oiio.FLOAT)
     encoded = np.where(
         shown <= 0.0031308, 12.92 * shown, 1.055 * shown ** (1 / 2.4) - 0.055
     )

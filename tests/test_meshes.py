@@ -9,6 +9,7 @@ import pytest
 import shjax
 from shjax import brdf, io, render
 from shjax.envmap import make_envmap
+from shjax.reflection.view_sum import mean_view
 from shjax.render.loading import load_mesh
 from shjax.render.meshes import trace_mesh, visibility
 from tests.helpers import check_gradients, relative_error, unit_vectors
@@ -111,7 +112,7 @@ def test_glossy_spheres_beside_mitsubas(name, light, data):
     noise = _rms(render.reference(ball, jnp.asarray(panorama), model), truth, where)
     assert noise < 0.025
     chosen = shjax.choose_model(make_envmap(panorama), model, rms_error=0.05)
-    found = _rms(render.shade(ball, chosen), truth, where)
+    found = _rms(render.image(ball, chosen), truth, where)
     assert chosen.met
     assert found < noise + chosen.predicted_rms_error
 
@@ -137,9 +138,7 @@ def test_meshes_beside_mitsubas(name, data):
     )
     noise = _rms(matte, truth, facing)  # by their own normals
     assert noise < 0.03
-    assert (
-        _rms(render.lambertian(trace.gbuffer, lighting), truth, facing) < noise + 0.01
-    )
+    assert _rms(render.image(trace.gbuffer, lighting), truth, facing) < noise + 0.01
 
 
 def test_local_global_and_dynamic_pictures_agree(rng, dtype):
@@ -148,13 +147,14 @@ def test_local_global_and_dynamic_pictures_agree(rng, dtype):
         dtype
     )
     ball = render.sphere(24)  # orthographic: one view
-    local = render.glossy(ball, shjax.prefilter(lighting, rho, n_theta=48, n_phi=96))
+    local = render.image(ball, shjax.prefilter(lighting, rho, n_theta=48, n_phi=96))
     world = shjax.prefilter(lighting, rho, n_theta=48, n_phi=96, frame="global")
-    for frame in ("global", "dynamic"):
-        assert relative_error(render.glossy(ball, world, frame=frame), local) < 2e-3
-    with pytest.raises(ValueError, match="frame must be"):
-        render.glossy(ball, world, frame="world")
-    exact = shjax.reflect(
+    middle = world.for_view(mean_view(ball.views))
+    for same in (world, middle):
+        assert relative_error(render.image(ball, same), local) < 2e-3
+    with pytest.raises(ValueError, match="only a global map"):
+        shjax.prefilter(lighting, rho, n_theta=8).for_view(jnp.ones(3))
+    exact = shjax.reflection.reflect(
         lighting, rho, shjax.sphere.mirror(ball.normals, ball.views), ball.views
     )
     assert relative_error(local, exact * ball.mask[..., None]) < 2e-3
@@ -170,7 +170,7 @@ def test_reference_picture_and_model_agree(rng, dtype):
         ball = render.sphere(20, tangents=tangents)
         chosen = shjax.choose_model(jnp.asarray(light, dtype), model, rms_error=0.01)
         exact = render.reference(ball, panorama, model)
-        assert relative_error(render.shade(ball, chosen), exact) < 0.03
+        assert relative_error(render.image(ball, chosen), exact) < 0.03
 
 
 def test_mirror_and_background_show_the_light(dtype):
@@ -202,7 +202,7 @@ def test_gradients_of_a_rendered_pixel(rng):
         buffer = render.make_gbuffer(n[None], views=v[None], albedo=0.7)
         rho = shjax.brdf_coefs(brdf.ggx(alpha, f0), l_max=4, p_max=2)
         maps = shjax.prefilter(light, rho, n_theta=16, n_phi=32)
-        return render.glossy(buffer, maps)
+        return render.image(buffer, maps)
 
     check_gradients(
         pixel,
@@ -265,10 +265,10 @@ def test_textures_of_a_mesh(textured_file):
     light = shjax.prefilter_light(
         jnp.full((1, 3), np.sqrt(4 * np.pi), seen.albedo.dtype), maps=4
     )
-    picture = np.asarray(render.metallic_roughness(seen, light))
+    picture = np.asarray(render.image(seen, light))
     assert picture[8, red, 0] > 5 * picture[8, black, 0]
     with pytest.raises(ValueError, match="the G-buffer has none"):
-        render.metallic_roughness(plain, light)
+        render.image(plain, light)
 
 
 def test_a_mesh_without_material_is_refused(ball_file):
@@ -304,9 +304,13 @@ def _written(folder, files, colours, change):
         {"buffer": len(document["buffers"]) - 1, "byteLength": colours.size * 4}
     )
     document["accessors"].append(
-        {"bufferView": len(document["bufferViews"]) - 1, "componentType": 5126,
-         "count": len(colours), "type": "VEC3"}
-    )  # fmt: skip
+        {
+            "bufferView": len(document["bufferViews"]) - 1,
+            "componentType": 5126,
+            "count": len(colours),
+            "type": "VEC3",
+        }
+    )
     one = document["meshes"][0]["primitives"][0]
     one["attributes"]["COLOR_0"] = len(document["accessors"]) - 1
     change(document, one)
@@ -337,9 +341,11 @@ def test_colours_and_normals_of_a_gltf_are_its_own(tmp_path, material):
     np.testing.assert_allclose(got, normals, atol=1e-6)
     where, triangle = np.asarray(mesh.triangles).mean(axis=1), 0
     camera = render.Camera(
-        origin=where[triangle] + 3 * normals[0], target=where[triangle],
-        up=(0.3, 0.5, 0.8), width=0.05,
-    )  # fmt: skip
+        origin=where[triangle] + 3 * normals[0],
+        target=where[triangle],
+        up=(0.3, 0.5, 0.8),
+        width=0.05,
+    )
     expected = [0.0005, 0.00015, 0.25] if material else colours[0]
     if material:
         with pytest.warns(UserWarning, match="not drawn .* emissiveFactor"):

@@ -137,14 +137,27 @@ def test_estimate_from_normals_of_both_frames(ball):
     io.write_image(folder / "mask.exr", mask[..., None].astype(np.float32))
     values = []
     for name, frame, span in (
-        ("world", "world", "signed"), ("camera", "camera", "unsigned"),
-    ):  # fmt: skip
+        ("world", "world", "signed"),
+        ("camera", "camera", "unsigned"),
+    ):
         run = CliRunner().invoke(
             estimate,
-            [str(image), "--normals", str(folder / f"{name}.exr"), "--normals-frame",
-             frame, "--normals-range", span, "--mask", str(folder / "mask.exr"),
-             "--plain", "-o", str(folder / name), "--json"],
-        )  # fmt: skip
+            [
+                str(image),
+                "--normals",
+                str(folder / f"{name}.exr"),
+                "--normals-frame",
+                frame,
+                "--normals-range",
+                span,
+                "--mask",
+                str(folder / "mask.exr"),
+                "--plain",
+                "-o",
+                str(folder / name),
+                "--json",
+            ],
+        )
         assert run.exit_code == 0, run.output
         values.append(np.array(json.loads(run.output)["coefficients"]))
     assert relative_error(values[0], values[1]) < 1e-4

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import shjax
-from shjax import brdf, render, shrm
+from shjax import brdf, render
+from shjax.reflection import ReflectionMap, dynamic_map
 from shjax.sphere import normalize
 from tests.helpers import relative_error
 
@@ -49,7 +50,7 @@ CASES = {
     ),
     "convert": Case(lambda c: shjax.convert(c, to="cmgen shader"), ((9, 3),)),
     "rotate": Case(lambda c, v: shjax.rotate(c, jnp.linalg.qr(v)[0]), ((9, 3), (3, 3))),
-    "scale_degrees": Case(shjax.scale_degrees, ((9, 3), (3,))),
+    "scale_degrees": Case(shjax.harmonics.scale_degrees, ((9, 3), (3,))),
     "irradiance_coefs": Case(shjax.irradiance_coefs, ((9, 3),)),
     "irradiance": Case(shjax.irradiance, ((9, 3), (6, 3)), (1,)),
     "irradiance_matrix": Case(shjax.irradiance_matrix, ((9, 3),)),
@@ -61,7 +62,7 @@ CASES = {
         shjax.reference_irradiance, ((6, 8, 3), (5, 3)), (1,), batched=False
     ),
     "lambertian": Case(
-        lambda light, n: render.lambertian(render.make_gbuffer(n), light),
+        lambda light, n: render.image(render.make_gbuffer(n), light),
         ((9, 3), (4, 5, 3)),
         (1,),
         batched=False,
@@ -82,25 +83,37 @@ CASES = {
         ((2,),),
         batched=False,
     ),
-    "convolve": Case(shjax.convolve, ((9, 3), (3, 1))),
-    "reflected_coefs": Case(shjax.reflected_coefs, ((9, 3), (3, 2, 2, 1))),
+    "convolve": Case(shjax.reflection.convolve, ((9, 3), (3, 1))),
+    "reflected_coefs": Case(shjax.reflection.reflected_coefs, ((9, 3), (3, 2, 2, 1))),
     "reflect": Case(
-        shjax.reflect, ((9, 3), (3, 2, 2, 1), (5, 3), (5, 3)), (2, 3), batched=False
+        shjax.reflection.reflect,
+        ((9, 3), (3, 2, 2, 1), (5, 3), (5, 3)),
+        (2, 3),
+        batched=False,
     ),
     "prefilter": Case(
-        lambda c, r: shjax.prefilter(c, r, n_theta=5, n_phi=6), ((9, 3), (3, 2, 2, 1))
+        lambda c, r: shjax.prefilter(c, r, n_theta=5, n_phi=6).coefs,
+        ((9, 3), (3, 2, 2, 1)),
     ),
     "prefilter, global": Case(
-        lambda c, r: shjax.prefilter(c, r, n_theta=5, n_phi=6, frame="global"),
+        lambda c, r: shjax.prefilter(c, r, n_theta=5, n_phi=6, frame="global").coefs,
         ((9, 3), (3, 2, 2, 1)),
     ),
     "prefilter_cube": Case(
-        lambda c, r: shjax.prefilter_cube(c, r, size=2), ((9, 3), (3, 2, 2, 1))
+        lambda c, r: shjax.reflection.prefilter_cube(c, r, size=2).coefs,
+        ((9, 3), (3, 2, 2, 1)),
     ),
-    "shrm.radiance": Case(
-        shrm.radiance, ((5, 6, 4, 3), (7, 3), (7, 3)), (1, 2), batched=False
+    "ReflectionMap.radiance": Case(
+        lambda c, n, v: ReflectionMap.from_coefs(c, frame="local").radiance(n, v),
+        ((5, 6, 4, 3), (7, 3), (7, 3)),
+        (1, 2),
+        batched=False,
     ),
-    "shrm.dynamic_map": Case(shrm.dynamic_map, ((5, 6, 4, 3), (3,)), (1,)),
+    "dynamic_map": Case(
+        lambda c, v: dynamic_map(ReflectionMap.from_coefs(c, frame="global"), v),
+        ((5, 6, 4, 3), (3,)),
+        (1,),
+    ),
     "reference_reflection": Case(
         lambda r, n, v: shjax.reference_reflection(r, brdf.phong(3.0), n, v),
         ((6, 8, 3), (5, 3), (5, 3)),
@@ -124,16 +137,16 @@ CASES = {
         batched=False,
     ),
     "cap_coefs": Case(
-        lambda d, f: shjax.cap_coefs(
-            shjax.CapLights(d, jnp.full(2, 0.1, d.dtype), f), l_max=3
+        lambda d, f: shjax.lights.cap_coefs(
+            shjax.lights.CapLights(d, jnp.full(2, 0.1, d.dtype), f), l_max=3
         ),
         ((2, 3), (2, 3)),
         (0,),
         batched=False,
     ),
     "cap_reflection": Case(
-        lambda h, n, v: shjax.cap_reflection(
-            shjax.CapLights(
+        lambda h, n, v: shjax.lights.cap_reflection(
+            shjax.lights.CapLights(
                 jnp.asarray([[0.0, 0.6, 0.8]], h.dtype),
                 jnp.abs(jnp.tanh(h)),
                 jnp.ones((1, 1), h.dtype),

@@ -23,7 +23,7 @@ def save(figure, tmp_path):
 @pytest.mark.slow
 def test_figures(envmap, tmp_path):
     lighting = envmap.lighting(l_max=8)
-    expansion = shjax.expand_brdf(brdf.ggx(0.4, 0.5), l_max=8, p_max=3)
+    expansion = shjax.brdf.expand(brdf.ggx(0.4, 0.5), l_max=8, p_max=3)
     maps = shjax.prefilter(
         lighting, expansion.rho.astype(lighting.dtype), n_theta=16, n_phi=32
     )
@@ -40,7 +40,7 @@ def test_figures(envmap, tmp_path):
     assert sum(bool(axis.images) for axis in pictures.axes) == 16
     save(pictures, tmp_path)
     ball = render.sphere(24)
-    exact = render.glossy(ball, maps)
+    exact = render.image(ball, maps)
     errors = plot.errors({"half": 0.5 * exact}, exact)
     assert "50.00% rms" in [axis.get_title() for axis in errors.axes]
     save(errors, tmp_path)

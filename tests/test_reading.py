@@ -12,7 +12,8 @@ import OpenImageIO as oiio
 import pytest
 
 from shjax import io
-from shjax.io import colour, isolation
+from shjax.colour import decode_srgb
+from shjax.io import colour_spaces, isolation
 from tests.variants import (
     P_CG,
     VARIANTS,
@@ -106,7 +107,7 @@ def test_alpha_of_other_formats(tmp_path, rng, name, multiplied, kind):
     target.write_image(np.concatenate([stored, cover], axis=-1))
     target.close()
     if kind == "uint8":
-        stored = colours = colour.decode_srgb(np.round(colours * 255) / 255)
+        stored = colours = decode_srgb(np.round(colours * 255) / 255)
     for alpha, expected in (("drop", stored), ("unpremultiply", colours)):
         read = io.read_envmap(tmp_path / name, alpha=alpha)
         np.testing.assert_allclose(read.image, expected, rtol=1e-4, err_msg=alpha)
@@ -245,12 +246,22 @@ def test_the_envmap_attribute_names_the_layout(tmp_path):
         envmap = io.read_envmap(path)
         assert envmap.layout == layout
         assert not envmap.report.layout_guessed
-        assert io.read_envmap(path, layout="angular" if size[0] == size[1] else "vertical_strip" if layout == "openexr_cube" else "latlong").layout != layout  # fmt: skip
+        assert (
+            io.read_envmap(
+                path,
+                layout="angular"
+                if size[0] == size[1]
+                else "vertical_strip"
+                if layout == "openexr_cube"
+                else "latlong",
+            ).layout
+            != layout
+        )
 
 
 def test_known_colours():
     # Linear ACEScg of Rec. 709's primaries, by OpenColorIO (its studio config).
-    matrix, name = colour.to_rec709(
+    matrix, name = colour_spaces.to_rec709(
         (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
     )
     assert name == "ACEScg"
@@ -260,9 +271,11 @@ def test_known_colours():
     np.testing.assert_allclose(
         matrix @ [0.2, 0.5, 0.9], theirs.getpixel(0, 0), rtol=1e-3
     )
-    assert colour.to_rec709(colour.REC709)[0] is None
+    assert colour_spaces.to_rec709(colour_spaces.REC709)[0] is None
     np.testing.assert_allclose(
-        colour.luminance_weights(colour.REC709), [0.2126, 0.7152, 0.0722], atol=1e-4
+        colour_spaces.luminance_weights(colour_spaces.REC709),
+        [0.2126, 0.7152, 0.0722],
+        atol=1e-4,
     )
 
 
@@ -334,13 +347,22 @@ def hostile(folder):
         "wide.exr": (huge_exr(2**31 - 1, 1), ""),
         "negative.exr": (huge_exr(-5, 3), ""),
         "claims.exr": (huge_exr(2**14, 2**14), ""),
-        "cut.hdr": (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 10 +X 20\nxx", "cut off"),
+        "cut.hdr": (
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 10 +X 20\nxx",
+            "cut off",
+        ),
         "axes.hdr": (b"#?RADIANCE\n\n-Y 10 +Y 20\n", "line for its size"),
-        "kind.hdr": (b"#?RADIANCE\nFORMAT=32-bit_rle_cmyk\n\n-Y 1 +X 2\n12345678", "FORMAT="),
+        "kind.hdr": (
+            b"#?RADIANCE\nFORMAT=32-bit_rle_cmyk\n\n-Y 1 +X 2\n12345678",
+            "FORMAT=",
+        ),
         "huge.hdr": (b"#?RADIANCE\n\n-Y 99999999 +X 99999999\n", "the limit is"),
         "claims.hdr": (b"#?RADIANCE\n\n-Y 16000 +X 16000\n\2\2", "fewer bytes"),
         "none.hdr": (b"#?RADIANCE\n\n-Y 0 +X 5\n", "it is empty"),
-        "exposure.hdr": (b"#?RADIANCE\nEXPOSURE=much\n\n-Y 1 +X 1\n1234", "EXPOSURE=much"),
+        "exposure.hdr": (
+            b"#?RADIANCE\nEXPOSURE=much\n\n-Y 1 +X 1\n1234",
+            "EXPOSURE=much",
+        ),
         "dark.hdr": (b"#?RADIANCE\nEXPOSURE=0\n\n-Y 1 +X 1\n1234", "not positive"),
         "gamma.hdr": (b"#?RADIANCE\nGAMMA=-1\n\n-Y 1 +X 1\n1234", "GAMMA"),
         "run.hdr": (b"#?RADIANCE\n\n-Y 1 +X 9\n\2\2\0\x09\xff\1", "cut off"),
@@ -350,12 +372,17 @@ def hostile(folder):
         "word.pfm": (b"PF\n8 x\n-1\n", "PFM without"),
         "huge.pfm": (b"PF\n999999999 999999999\n-1\n", "the limit is"),
         "odd.float": (bytes(100), "side"),
-        "objects.npy": (b"\x93NUMPY\1\0v\0{'descr': '|O', 'fortran_order': False, 'shape': (2, 4), }" + b" " * 55 + b"\n", "NumPy cannot"),
+        "objects.npy": (
+            b"\x93NUMPY\1\0v\0{'descr': '|O', 'fortran_order': False, 'shape': (2, 4), }"
+            + b" " * 55
+            + b"\n",
+            "NumPy cannot",
+        ),
         "a.null": (b"RGB", "not an image"),
         "cut.png": (b"\x89PNG\r\n\x1a\n" + bytes(40), ""),
         "cut.tif": (b"II*\0\x08\0\0\0" + bytes(20), ""),
         "cut.jpg": (b"\xff\xd8\xff\xe0\0\x10JFIF\0", ""),
-    }  # fmt: skip
+    }
     for name, (content, _) in cases.items():
         (folder / name).write_bytes(content)
     words = {name: word for name, (_, word) in cases.items()}
@@ -365,7 +392,14 @@ def hostile(folder):
     (folder / "folder.exr").mkdir()
     (folder / "loop.exr").symlink_to("loop.exr")
     os.mkfifo(folder / "pipe.exr")
-    return words | {"whole.npy": "floating-point", "deep.exr": "deep", "folder.exr": "folder", "loop.exr": "", "missing.exr": "", "pipe.exr": "not a file"}  # fmt: skip
+    return words | {
+        "whole.npy": "floating-point",
+        "deep.exr": "deep",
+        "folder.exr": "folder",
+        "loop.exr": "",
+        "missing.exr": "",
+        "pipe.exr": "not a file",
+    }
 
 
 @pytest.mark.parametrize("isolate", [False, True])
@@ -503,8 +537,10 @@ print(peaks() - before, light[0].mean())
 """
     run = subprocess.run(
         [sys.executable, "-c", script, *paths],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     kilobytes, mean = map(float, run.stdout.split())
     assert kilobytes * 1024 < 2.5 * 8192 * 4096 * 12
     assert abs(mean - np.sqrt(4 * np.pi)) < 1e-5

@@ -12,9 +12,19 @@ ROOT = Path(__file__).parents[1]
 @pytest.mark.slow
 def test_the_reference_builds_without_warnings(tmp_path):
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "experiments.reference", "--out", str(tmp_path)],
-        capture_output=True, text=True, cwd=ROOT,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-W",
+            "error",
+            "-m",
+            "experiments.reference",
+            "--out",
+            str(tmp_path),
+        ],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    )
     assert run.returncode == 0, run.stderr[-2000:]
     assert "Warn" not in run.stderr, run.stderr[-2000:]
     page = (tmp_path / "shjax.html").read_text()

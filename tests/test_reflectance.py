@@ -9,6 +9,7 @@ import shjax
 from shjax import render
 from shjax.brdf import ggx, lafortune, lambertian, phong
 from shjax.harmonics.degrees import degrees
+from shjax.inverse import General, Radial, lobe
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT, environment
 
@@ -38,11 +39,12 @@ def scene(rng):
 def test_radial_gains(rng, dtype):
     lighting = rng.normal(size=(81, 3))
     normals, views = pixels_of(rng, 400)
-    truth = np.asarray(shjax.radial_coefs(phong(30.0), l_max=8), float)
+    truth = np.asarray(shjax.brdf.radial_coefs(phong(30.0), l_max=8), float)
     mirror = 2 * np.sum(normals * views, axis=-1, keepdims=True) * normals - views
     image = np.asarray(shjax.basis(mirror, l_max=8)) @ (lighting * truth[degrees(8)])
     found = shjax.estimate_brdf(
-        *(np.asarray(a, dtype) for a in (image, normals, views, lighting)), l_max=6
+        *(np.asarray(a, dtype) for a in (image, normals, views, lighting)),
+        lobe=Radial(6),
     )
     assert found.ok
     assert found.names[3] == "a_3"
@@ -61,12 +63,10 @@ def test_general_coefficients(rng):
             rho[l, p, : min(l, p) + 1] = rng.normal(size=(min(l, p) + 1, 2))
     normals, views = pixels_of(rng, 500)
     mirror = 2 * np.sum(normals * views, axis=-1, keepdims=True) * normals - views
-    image = shjax.convolution.reflect(
+    image = shjax.reflection.reflect(
         *(jnp.asarray(a) for a in (lighting, rho, mirror, views))
     )
-    found = shjax.estimate_brdf(
-        image, normals, views, lighting, model="general", l_max=4, p_max=2
-    )
+    found = shjax.estimate_brdf(image, normals, views, lighting, lobe=General(4, 2))
     assert found.ok
     names = {name: i for i, name in enumerate(found.names)}
     for name, row in names.items():
@@ -81,9 +81,9 @@ def test_gains_beyond_the_light_are_not_determined(rng):
     lighting = np.zeros((81, 1))
     lighting[:25] = rng.normal(size=(25, 1))
     mirror = 2 * np.sum(normals * views, axis=-1, keepdims=True) * normals - views
-    gains = np.asarray(shjax.radial_coefs(phong(20.0), l_max=8))[degrees(8)]
+    gains = np.asarray(shjax.brdf.radial_coefs(phong(20.0), l_max=8))[degrees(8)]
     image = np.asarray(shjax.basis(mirror, l_max=8)) @ (lighting * gains)
-    found = shjax.estimate_brdf(image, normals, views, lighting, l_max=8)
+    found = shjax.estimate_brdf(image, normals, views, lighting, lobe=Radial(8))
     assert found.null_space.shape == (4, 9)
     assert not found.ok
     assert "not determined: a_5, a_6, a_7, a_8" in found.message
@@ -96,17 +96,47 @@ def test_gains_beyond_the_light_are_not_determined(rng):
     ("model", "surface", "truth", "tolerance"),
     [
         ("phong", 0.8 * phong(3.0), [3, 0.8], 1e-3),
-        pytest.param("phong_horizon", 0.5 * phong(3.0, horizon=True), [3, 0.5], 3e-3, marks=pytest.mark.slow),
-        pytest.param("ggx_dielectric", 0.7 * ggx(0.3, 0.04), [0.3, 0.7], 1e-2, marks=pytest.mark.slow),
-        pytest.param("gaussian_microfacet", 0.7 * shjax.brdf.gaussian_microfacet(0.3), [0.3, 0.7], 3e-3, marks=pytest.mark.slow),
-        pytest.param("diffuse + phong", lambertian(0.5) + 0.3 * phong(20.0), [20, 0.5, 0.3], 3e-3, marks=pytest.mark.slow),
-        pytest.param("lafortune", 0.5 * (12 / (2 * np.pi)) * lafortune([-0.9], [1.09087], [10.0]), [10, 1.09087 / 0.9, 0.5], 2e-2, marks=pytest.mark.slow),
+        pytest.param(
+            "phong_horizon",
+            0.5 * phong(3.0, horizon=True),
+            [3, 0.5],
+            3e-3,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "ggx_dielectric",
+            0.7 * ggx(0.3, 0.04),
+            [0.3, 0.7],
+            1e-2,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "gaussian_microfacet",
+            0.7 * shjax.brdf.gaussian_microfacet(0.3),
+            [0.3, 0.7],
+            3e-3,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "diffuse + phong",
+            lambertian(0.5) + 0.3 * phong(20.0),
+            [20, 0.5, 0.3],
+            3e-3,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "lafortune",
+            0.5 * (12 / (2 * np.pi)) * lafortune([-0.9], [1.09087], [10.0]),
+            [10, 1.09087 / 0.9, 0.5],
+            2e-2,
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
-)  # fmt: skip
+)
 def test_parametric_models(scene, model, surface, truth, tolerance):
     lighting, normals, views, picture = scene
-    found = shjax.estimate_brdf(picture(surface), normals, views, lighting, model=model)
+    found = shjax.estimate_brdf(picture(surface), normals, views, lighting, lobe=model)
     assert found.converged
     np.testing.assert_allclose(found.value[:, 0], truth, rtol=tolerance)
     np.testing.assert_allclose(found.value[:, 1], truth, rtol=tolerance)
@@ -120,7 +150,7 @@ def test_a_model_and_its_channels(scene, dtype):
     surface = lambertian(np.array([0.2, 0.6])) + phong(16.0) * np.array([0.7, 0.1])
     arguments = (picture(surface), normals, views, lighting)
     found = shjax.estimate_brdf(
-        *(np.asarray(a, dtype) for a in arguments), model="diffuse + phong"
+        *(np.asarray(a, dtype) for a in arguments), lobe="diffuse + phong"
     )
     tolerance = 1e-2 if dtype == np.float32 else 2e-3
     np.testing.assert_allclose(found.value[0], 16, rtol=tolerance)
@@ -137,7 +167,7 @@ def test_from_every_start(scene, start):
     lighting, normals, views, picture = scene
     image = picture(phong(64.0))
     found = shjax.estimate_brdf(
-        image, normals, views, lighting, model="phong", starts=np.array([start])
+        image, normals, views, lighting, lobe=lobe("phong", starts=np.array([start]))
     )
     np.testing.assert_allclose(found.value[0], 64, rtol=0.01)
 
@@ -149,13 +179,13 @@ def test_an_exponent_under_uniform_light_is_not_determined(rng):
     image = np.full((300, 1), 0.7) + 1e-3 * rng.normal(size=(300, 1))
     light = np.zeros((81, 1))
     light[0] = np.sqrt(4 * np.pi)
-    one = shjax.estimate_brdf(image, normals, views, light, model="phong")
+    one = shjax.estimate_brdf(image, normals, views, light, lobe="phong")
     assert not one.ok
     assert one.message.endswith("not determined: exponent")
     np.testing.assert_allclose(one.value[1], 0.7, rtol=1e-3)
     assert np.all(np.isfinite(one.value))
     np.testing.assert_allclose(one.prior_fraction[0], 1)
-    both = shjax.estimate_brdf(image, normals, views, light, model="diffuse + phong")
+    both = shjax.estimate_brdf(image, normals, views, light, lobe="diffuse + phong")
     assert "kd, ks" in both.message
 
 
@@ -166,7 +196,7 @@ def test_many_pixels_without_noise_converge(rng, dtype):
     light = np.zeros((625, 3), dtype)
     light[0] = [3.391, 3.415, 3.32]
     image = np.asarray(0.2 * shjax.irradiance(jnp.asarray(light), jnp.asarray(normals)))
-    found = shjax.estimate_brdf(image, normals, views, light, model="phong")
+    found = shjax.estimate_brdf(image, normals, views, light, lobe="phong")
     assert found.converged
     assert found.message.endswith("not determined: exponent")
 
@@ -181,12 +211,12 @@ def test_exponents_under_real_light_are_determined(data, rng):
         panorama = environment(data / "renders", f"real_{name}", 128).astype(float)
         lighting = shjax.analyze(panorama, l_max=24)
         mirror = 2 * np.sum(normals * views, axis=-1, keepdims=True) * normals - views
-        gains = shjax.radial_coefs(phong(20.0), l_max=24)
+        gains = shjax.brdf.radial_coefs(phong(20.0), l_max=24)
         image = shjax.evaluate(
-            shjax.convolution.convolve(lighting, gains), jnp.asarray(mirror)
+            shjax.reflection.convolve(lighting, gains), jnp.asarray(mirror)
         )
         image = image * (1 + 0.01 * rng.normal(size=image.shape))
-        found = shjax.estimate_brdf(image, normals, views, lighting, model="phong")
+        found = shjax.estimate_brdf(image, normals, views, lighting, lobe="phong")
         assert found.ok, (name, found.message)
         np.testing.assert_allclose(found.value[0], 20, rtol=0.02)
 
@@ -200,7 +230,7 @@ def test_gradients_of_reflectance(scene, rng):
 
     def parameters(image, lighting):
         found = shjax.estimate_brdf(
-            image, normals, views, lighting, model="diffuse + phong", noise=0.01
+            image, normals, views, lighting, lobe="diffuse + phong", noise=0.01
         )
         return found.value
 
@@ -208,7 +238,9 @@ def test_gradients_of_reflectance(scene, rng):
         parameters, image, jnp.asarray(lighting), tolerance=1e-6, transpose=1e-9
     )
     check_gradients(
-        lambda i: shjax.estimate_brdf(i, normals, views, lighting, l_max=3).value,
+        lambda i: (
+            shjax.estimate_brdf(i, normals, views, lighting, lobe=Radial(3)).value
+        ),
         image,
         tolerance=1e-6,
     )
@@ -235,9 +267,14 @@ def test_pictures_by_another_renderer(
     lighting = shjax.analyze(panorama, l_max=degree)
     some = (slice(None, None, 3), slice(1, None, 3))
     found = shjax.estimate_brdf(
-        image[some].astype(float), ball.normals[some], ball.views[some], lighting,
-        model=model, mask=(np.asarray(ball.mask) == 1)[some], least_cosine=least,
-    )  # fmt: skip
+        image[some].astype(float),
+        ball.normals[some],
+        ball.views[some],
+        lighting,
+        lobe=model,
+        mask=(np.asarray(ball.mask) == 1)[some],
+        min_cosine=least,
+    )
     np.testing.assert_allclose(found.value[0], truth, rtol=tolerance)
     assert found.ok
 
@@ -252,10 +289,13 @@ def test_gains_of_a_picture_by_another_renderer(data):
     panorama = environment(renders, "real_city", 512).astype(float)
     whole = np.asarray(ball.mask) == 1
     found = shjax.estimate_brdf(
-        image.astype(float), ball.normals, ball.views,
-        shjax.analyze(panorama, l_max=16), mask=whole,
-    )  # fmt: skip
-    truth = np.asarray(shjax.radial_coefs(phong(64.0), l_max=8))
+        image.astype(float),
+        ball.normals,
+        ball.views,
+        shjax.analyze(panorama, l_max=16),
+        mask=whole,
+    )
+    truth = np.asarray(shjax.brdf.radial_coefs(phong(64.0), l_max=8))
     np.testing.assert_allclose(found.value, np.tile(truth, 3), rtol=0.005)
 
 
@@ -299,7 +339,7 @@ def test_one_view_leaves_light_and_reflectance_open(
     _, normals, views, picture = views_of_a_sphere
     image = picture(surface)
     found = shjax.estimate_joint(
-        image[:1], normals[:1], views[:1], model=model, noise=1e-3
+        image[:1], normals[:1], views[:1], lobe=model, noise=1e-3
     )
     assert found.null_space.shape[0] == dimension
     assert not found.ok
@@ -317,7 +357,7 @@ def test_one_view_leaves_light_and_reflectance_open(
 def test_nine_gains_are_open_for_nine_degrees(rng):
     normals, views = pixels_of(rng, 500)
     found = shjax.estimate_joint(
-        np.ones((1, 500, 1)), normals[None], views[None], model="radial", l_max=8
+        np.ones((1, 500, 1)), normals[None], views[None], lobe="radial", l_max=8
     )
     assert found.null_space.shape == (9, 90)
 
@@ -328,16 +368,22 @@ def test_what_is_known_closes_the_rest(views_of_a_sphere):
     lighting, normals, views, picture = views_of_a_sphere
     image = picture(0.7 * phong(20.0))
     found = shjax.estimate_joint(
-        image[:1], normals[:1], views[:1], model="phong", noise=1e-3,
-        known={"exponent": 20.0, "total": 0.7},
-    )  # fmt: skip
+        image[:1],
+        normals[:1],
+        views[:1],
+        lobe=lobe("phong", known={"exponent": 20.0, "total": 0.7}),
+        noise=1e-3,
+    )
     assert found.ok, found.message
     np.testing.assert_allclose(found.value[2:], lighting, atol=1e-3)
     both = picture(lambertian(0.5) + 0.3 * phong(12.0))
     found = shjax.estimate_joint(
-        both, normals, views, model="diffuse + phong", noise=1e-3,
-        known={"total": 0.8},
-    )  # fmt: skip
+        both,
+        normals,
+        views,
+        lobe=lobe("diffuse + phong", known={"total": 0.8}),
+        noise=1e-3,
+    )
     assert found.ok, found.message
     np.testing.assert_allclose(found.value[:3, 0], [12, 0.5, 0.3], rtol=0.02)
     np.testing.assert_allclose(found.value[3:], lighting, atol=0.03)
@@ -349,10 +395,12 @@ def test_two_lights(views_of_a_sphere, rng):
     lighting, normals, views, picture = views_of_a_sphere
     first = picture(0.5 * phong(8.0))
     found = shjax.estimate_joint(
-        np.concatenate([first, 2 * first]), jnp.concatenate([normals] * 2),
-        jnp.concatenate([views] * 2), model="phong", lights=(0, 0, 1, 1),
-        known={"exponent": 8.0, "total": 0.5},
-    )  # fmt: skip
+        np.concatenate([first, 2 * first]),
+        jnp.concatenate([normals] * 2),
+        jnp.concatenate([views] * 2),
+        lobe=lobe("phong", known={"exponent": 8.0, "total": 0.5}),
+        lights=(0, 0, 1, 1),
+    )
     assert found.value.shape == (2 + 2 * 25, 1)
     np.testing.assert_allclose(found.value[2:27], lighting, atol=1e-3)
     np.testing.assert_allclose(found.value[27:], 2 * lighting, atol=2e-3)
@@ -371,7 +419,7 @@ def test_a_prediction_of_the_estimated_reflectance(scene):
     seen = (np.asarray(ball.mask) == 1) & facing
     for model in ("diffuse + phong", "radial"):
         image = picture(surface if model != "radial" else phong(9.0))
-        found = shjax.estimate_brdf(image, normals, views, lighting, model=model)
+        found = shjax.estimate_brdf(image, normals, views, lighting, lobe=model)
         again, deviation = found.predict(ball)
         if model == "radial":
             exact = render.reference(ball, panorama, phong(9.0))
@@ -383,37 +431,46 @@ def test_a_prediction_of_the_estimated_reflectance(scene):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"model": "velvet"}, "model must be radial, general, or one of"),
+        ({"lobe": "velvet"}, "lobe must be radial, general, or one of"),
         ({"views": np.ones((4, 3))}, "views must have shape"),
         ({"views": np.full((5, 3), 0.9)}, "unit length"),
         ({"lighting": np.ones((9, 2))}, "lighting must have one channel"),
         ({"lighting": np.ones((8, 1))}, "lighting"),
-        ({"l_max": 9}, "must reach l_max"),
+        ({"lobe": Radial(9)}, "must reach l_max"),
         (
-            {"model": "phong", "starts": np.array([-1.0])},
+            {"lobe": lobe("phong", starts=np.array([-1.0]))},
             "inside the parameters' range",
         ),
-        ({"model": "phong", "starts": np.ones((2, 2))}, "starts must have shape"),
+        ({"lobe": lobe("phong", starts=np.ones((2, 2)))}, "starts must have shape"),
         ({"image": np.full((5, 1), np.nan)}, "image must be finite"),
     ],
 )
 def test_wrong_arguments_are_refused(change, message):
     up = np.tile([0.0, 0, 1], (5, 1))
     arguments = {
-        "image": np.ones((5, 1)), "normals": up, "views": up, "lighting": np.ones((9, 1))
-    } | change  # fmt: skip
+        "image": np.ones((5, 1)),
+        "normals": up,
+        "views": up,
+        "lighting": np.ones((9, 1)),
+    } | change
     with pytest.raises(ValueError, match=message):
-        shjax.estimate_brdf(**arguments, **({} if "l_max" in change else {"l_max": 2}))
+        shjax.estimate_brdf(**{"lobe": Radial(2)} | arguments)
 
 
 @pytest.mark.usefixtures("as_a_user")
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"known": {"gloss": 1.0}}, "known must name exponent or total"),
-        ({"known": {"total": 1.5}}, "known total must lie inside its range"),
+        (
+            {"lobe": lobe("phong", known={"gloss": 1.0})},
+            "known must name exponent or total",
+        ),
+        (
+            {"lobe": lobe("phong", known={"total": 1.5})},
+            "known total must lie inside its range",
+        ),
         ({"lights": (0, 2)}, "lights must number"),
-        ({"model": "radial", "known": {"a_9": 1.0}}, "known must name one of a_0"),
+        ({"lobe": lobe("radial", known={"a_9": 1.0})}, "known must name one of a_0"),
     ],
 )
 def test_wrong_joint_arguments_are_refused(change, message):
@@ -422,7 +479,7 @@ def test_wrong_joint_arguments_are_refused(change, message):
         "images": np.ones((2, 5, 1)),
         "normals": up,
         "views": up,
-        "model": "phong",
+        "lobe": "phong",
     }
     with pytest.raises(ValueError, match=message):
         shjax.estimate_joint(**(arguments | change))
@@ -434,7 +491,9 @@ def test_jit_and_vmap(rng, dtype):
     images = jnp.asarray(rng.uniform(0.5, 1, (2, 60, 2)), dtype)
 
     def one(image):
-        return shjax.estimate_brdf(image, normals, views, lighting, l_max=2).value
+        return shjax.estimate_brdf(
+            image, normals, views, lighting, lobe=Radial(2)
+        ).value
 
     both = jax.vmap(one)(images)
     assert relative_error(both[1], jax.jit(one)(images[1])) < 1e-4

@@ -135,7 +135,9 @@ def test_deringing_is_the_least_that_helps(l_max):
     assert float(windows.smallest_irradiance(light)) < -0.01
     result = shjax.dering(light)
     assert -1e-5 < result.smallest < 1e-3
-    weaker = light * shjax.spread(1 / (1 + 0.95 * (1 / result.gains - 1)))[:, None]
+    weaker = (
+        light * shjax.harmonics.spread(1 / (1 + 0.95 * (1 / result.gains - 1)))[:, None]
+    )
     assert float(windows.smallest_irradiance(weaker)) < 0
     assert result.gains[0] == 1
 
@@ -150,7 +152,10 @@ def test_the_panoramas_that_ring(data, name):
     else:
         assert -1e-5 < result.smallest < 1e-3
         weaker = 1 / (1 + 0.95 * (1 / np.asarray(result.gains) - 1))
-        weaker = lighting * shjax.spread(jnp.asarray(weaker, lighting.dtype))[:, None]
+        weaker = (
+            lighting
+            * shjax.harmonics.spread(jnp.asarray(weaker, lighting.dtype))[:, None]
+        )
         assert float(windows.smallest_irradiance(weaker)) < 0
 
 

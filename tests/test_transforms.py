@@ -11,12 +11,11 @@ import shjax
 from shjax.harmonics import (
     legendre,
     phi_first,
-    sum_pixels,
     tables,
     theta_first,
     transforms,
 )
-from shjax.harmonics.grid import QUADRATURES, Grid, make_grid
+from shjax.harmonics.grid import QUADRATURES, make_grid
 from shjax.sphere import latlong_directions
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
@@ -221,22 +220,3 @@ def test_degree_1024(kind, rng, dtype):
     weights = make_grid(2 * l_max + 1, 2 * l_max + 2).weights
     energy = np.sum(np.asarray(image, float)[..., 0] ** 2 * weights[:, None])
     assert energy == pytest.approx(len(chosen), rel=limit)
-
-
-@pytest.mark.parametrize("shape", [(7, 5, 2), (16, 32, 3), (1, 1, 1)])
-def test_pixels_are_points_of_light_at_any_degree(shape, rng, dtype):
-    radiance = jnp.asarray(rng.normal(size=shape), dtype)
-    directions = latlong_directions(*shape[:2]).reshape(-1, 3)
-    weights = np.repeat(Grid(*shape[:2]).weights, shape[1])
-    samples = (radiance.reshape(-1, shape[2]), directions, weights)
-    exact = shjax.project_samples(*(jnp.asarray(a, dtype) for a in samples), l_max=40)
-    tolerance = 5e-6 if dtype == np.float32 else 1e-12
-    assert relative_error(sum_pixels(radiance, l_max=40), exact) < tolerance
-
-
-@pytest.mark.usefixtures("as_a_user")
-def test_pixels_beyond_the_tables_are_refused(dtype):
-    with pytest.raises(ValueError, match="l_max must be at most 128; got 129"):
-        sum_pixels(jnp.ones((4, 8, 3), dtype), l_max=129)
-    with pytest.raises(ValueError, match="radiance must have shape"):
-        sum_pixels(jnp.ones((4, 8), dtype), l_max=2)

@@ -23,13 +23,31 @@ def test_the_main_job_runs_from_the_wheel(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(target)}
     where = subprocess.run(
         [sys.executable, "-c", "import shjax; print(shjax.__file__)"],
-        env=environment, cwd=tmp_path, check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        env=environment,
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     assert Path(where.stdout.strip()).is_relative_to(target)
     finished = subprocess.run(
-        [sys.executable, "-m", "shjax", "light", "--out", "out", "--json", "--size", "16"],
-        env=environment, cwd=tmp_path, check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "shjax",
+            "light",
+            "--out",
+            "out",
+            "--json",
+            "--size",
+            "16",
+        ],
+        env=environment,
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     assert json.loads(finished.stdout)["recovered_error"]["self"] <= 1e-4
     packaged = {path.name for path in (target / "shjax").rglob("*") if path.is_file()}
     assert {"py.typed", "city.exr", "LICENSE-city.txt"} <= packaged

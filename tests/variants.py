@@ -176,16 +176,23 @@ def plain_exr(planes, steps, **windows):
         )
         + b"\0"
     )
-    header = b"\x76\x2f\x31\x01" + struct.pack("<i", 2) + b"".join([
-        attribute("channels", "chlist", channels),
-        attribute("compression", "compression", b"\0"),
-        attribute("dataWindow", "box2i", box),
-        attribute("displayWindow", "box2i", frame),
-        attribute("lineOrder", "lineOrder", b"\0"),
-        attribute("pixelAspectRatio", "float", struct.pack("<f", 1)),
-        attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)),
-        attribute("screenWindowWidth", "float", struct.pack("<f", 1)),
-    ]) + b"\0"  # fmt: skip
+    header = (
+        b"\x76\x2f\x31\x01"
+        + struct.pack("<i", 2)
+        + b"".join(
+            [
+                attribute("channels", "chlist", channels),
+                attribute("compression", "compression", b"\0"),
+                attribute("dataWindow", "box2i", box),
+                attribute("displayWindow", "box2i", frame),
+                attribute("lineOrder", "lineOrder", b"\0"),
+                attribute("pixelAspectRatio", "float", struct.pack("<f", 1)),
+                attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)),
+                attribute("screenWindowWidth", "float", struct.pack("<f", 1)),
+            ]
+        )
+        + b"\0"
+    )
     lines = []
     for y in range(height):
         data = b"".join(
@@ -309,14 +316,32 @@ P_XYZ, P_CG = (
     (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3),
     (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767),
 )
-ORDERS = ("-Y {h} +X {w}", "-Y {h} -X {w}", "+Y {h} +X {w}", "+Y {h} -X {w}", "+X {w} -Y {h}", "-X {w} -Y {h}", "+X {w} +Y {h}", "-X {w} +Y {h}")  # fmt: skip
+ORDERS = (
+    "-Y {h} +X {w}",
+    "-Y {h} -X {w}",
+    "+Y {h} +X {w}",
+    "+Y {h} -X {w}",
+    "+X {w} -Y {h}",
+    "-X {w} -Y {h}",
+    "+X {w} +Y {h}",
+    "-X {w} +Y {h}",
+)
 _HDR = 0.01  # half a step of the largest channel is 0.4 %, of the others more
 
 # Name: suffix, writer, relative tolerance, factor that the file's values carry.
 VARIANTS = {
-    **{f"exr {c.lower()} half": (".exr", compressed(c), 1e-3, 1) for c in ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24")},
-    **{f"exr {c.lower()} half": (".exr", compressed(c), 2e-2, 1) for c in ("B44", "B44A", "DWAA", "DWAB")},
-    **{f"exr {c.lower()}": (".exr", compressed(c), 1e-3, 1) for c in ("HTJ2K32", "HTJ2K256", "ZSTD")},
+    **{
+        f"exr {c.lower()} half": (".exr", compressed(c), 1e-3, 1)
+        for c in ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24")
+    },
+    **{
+        f"exr {c.lower()} half": (".exr", compressed(c), 2e-2, 1)
+        for c in ("B44", "B44A", "DWAA", "DWAB")
+    },
+    **{
+        f"exr {c.lower()}": (".exr", compressed(c), 1e-3, 1)
+        for c in ("HTJ2K32", "HTJ2K256", "ZSTD")
+    },
     "exr float": (".exr", exr(), 0, 1),
     "exr float piz": (".exr", compressed("PIZ", np.float32), 0, 1),
     "exr uint": (".exr", uint, 3e-3, 1000),
@@ -337,11 +362,39 @@ VARIANTS = {
     "hdr new runs": (".hdr", hdr(encode=new_runs), _HDR, 1),
     "hdr old runs": (".hdr", hdr(encode=old_runs), _HDR, 1),
     "hdr runs by columns": (".hdr", hdr(ORDERS[5], encode=new_runs), _HDR, 1),
-    "hdr exposure": (".hdr", hdr(header=b"EXPOSURE=4\nFORMAT=32-bit_rle_rgbe\n"), _HDR, 0.25),
-    "hdr colour correction": (".hdr", hdr(header=b"COLORCORR=1.2 .9 1.1\n", change=lambda i: i * np.float32([1.2, 0.9, 1.1])), 3e-2, 1),
-    "hdr gamma": (".hdr", hdr(header=b"GAMMA=2.2\n", change=lambda i: i ** (1 / 2.2)), 2e-2, 1),
-    "hdr xyze": (".hdr", hdr(header=b"FORMAT=32-bit_rle_xyze\n", change=lambda i: i @ TO_XYZ.T), 8e-2, 1),
-    "hdr photoshop": (".hdr", hdr(header=b"GAMMA=1\nPRIMARIES=0 0 0 0 0 0 0 0\n"), _HDR, 1),
+    "hdr exposure": (
+        ".hdr",
+        hdr(header=b"EXPOSURE=4\nFORMAT=32-bit_rle_rgbe\n"),
+        _HDR,
+        0.25,
+    ),
+    "hdr colour correction": (
+        ".hdr",
+        hdr(
+            header=b"COLORCORR=1.2 .9 1.1\n",
+            change=lambda i: i * np.float32([1.2, 0.9, 1.1]),
+        ),
+        3e-2,
+        1,
+    ),
+    "hdr gamma": (
+        ".hdr",
+        hdr(header=b"GAMMA=2.2\n", change=lambda i: i ** (1 / 2.2)),
+        2e-2,
+        1,
+    ),
+    "hdr xyze": (
+        ".hdr",
+        hdr(header=b"FORMAT=32-bit_rle_xyze\n", change=lambda i: i @ TO_XYZ.T),
+        8e-2,
+        1,
+    ),
+    "hdr photoshop": (
+        ".hdr",
+        hdr(header=b"GAMMA=1\nPRIMARIES=0 0 0 0 0 0 0 0\n"),
+        _HDR,
+        1,
+    ),
     "pfm little": (".pfm", pfm("<"), 0, 1),
     "pfm big": (".pfm", pfm(">"), 0, 1),
     "npy float32": (".npy", npy(np.float32), 0, 1),
@@ -354,4 +407,4 @@ VARIANTS = {
     "png 16 bit": (".png", by_oiio("uint16", encode=True), 1e-4, 1 / 1.3),
     "jpeg": (".jpg", by_oiio("uint8", encode=True), 5e-2, 1 / 1.3),
     "tiff turned": (".tif", by_oiio("float", orientation=3), 0, 1),
-}  # fmt: skip
+}

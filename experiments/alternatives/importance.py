@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.brdf.core import Brdf, frames, transfer
-from shjax.sphere import pixel_coordinates
+from shjax.brdf.core import Brdf, transfer
+from shjax.sphere import frames, pixel_coordinates
 
 _POINTS_AT_ONCE = 256
 

@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import shjax
+from shjax.colour import LUMINANCE
 from shjax.irradiance import cosine_kernel_table
-from shjax.reference import LUMINANCE
 from shjax.sphere import cube_directions, fibonacci_directions, icosahedron
 
 HIGHEST = jax.lax.Precision.HIGHEST
@@ -199,9 +199,16 @@ def h_basis(directions):
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     one, three, fifteen = (np.float32(np.sqrt(k / (2 * np.pi))) for k in (1, 3, 15))
     return xp.stack(
-        [one * xp.ones_like(x), three * y, three * (2 * z - 1), three * x,
-         fifteen * x * y, 0.5 * fifteen * (x * x - y * y)], axis=-1,
-    )  # fmt: skip
+        [
+            one * xp.ones_like(x),
+            three * y,
+            three * (2 * z - 1),
+            three * x,
+            fifteen * x * y,
+            0.5 * fifteen * (x * x - y * y),
+        ],
+        axis=-1,
+    )
 
 
 @functools.lru_cache

@@ -17,15 +17,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.adapted.ggx import DEGREES, LEVELS, locate
-from shjax.adapted.single import view_kernels
 from shjax.brdf import ggx
 from shjax.harmonics.orientations import maps_on_grid, series_tables
 from shjax.harmonics.tables import on_device
-from shjax.ibl.prefiltering import level_shape
-from shjax.ibl.reading import Weights, read_maps
+from shjax.ibl.ggx_tables import DEGREES, LEVELS, locate
+from shjax.ibl.prefiltered_light import level_shape
 from shjax.ibl.shading import taps
+from shjax.ibl.texels import Weights, read_maps
 from shjax.irradiance import irradiance
+from shjax.reflection.low_rank import view_kernels
 from shjax.sphere import latlong_theta, mirror
 
 _COSINES, _ALPHAS = 64, 17

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax import shrm
+from shjax.reflection import ReflectionMap, azimuthal_texture, icosahedral_maps
 from shjax.sphere import icosahedron, mirror, pixel_coordinates
 
 ELEVATIONS = 16
@@ -31,16 +31,17 @@ def _faces() -> tuple[np.ndarray, np.ndarray]:
     points = icosahedron()
     near = points @ points.T > 0.4  # neighbours are 63 degrees apart
     faces = [
-        t for t in itertools.combinations(range(12), 3)
+        t
+        for t in itertools.combinations(range(12), 3)
         if all(near[a, b] for a, b in itertools.combinations(t, 2))
-    ]  # fmt: skip
+    ]
     return np.array(faces), np.linalg.inv(points[np.array(faces)].swapaxes(1, 2))
 
 
 @jax.jit
-def cabral_maps(maps: jax.Array) -> jax.Array:
+def cabral_maps(maps: ReflectionMap) -> jax.Array:
     """Twelve maps over R from a global SHRM: ``(12, n_theta, n_phi, C)``."""
-    return shrm.icosahedral_maps(maps)
+    return icosahedral_maps(maps)
 
 
 @jax.jit
@@ -48,9 +49,11 @@ def cabral(maps: jax.Array, normals: jax.Array, views: jax.Array) -> jax.Array:
     """Radiance at R blended between the three maps about the view [CON99]."""
     corners, inverse = _faces()
     shares = jnp.einsum(
-        "fij,nj->nfi", jnp.asarray(inverse, views.dtype), views,
+        "fij,nj->nfi",
+        jnp.asarray(inverse, views.dtype),
+        views,
         precision=jax.lax.Precision.HIGHEST,
-    )  # fmt: skip
+    )
     face = jnp.argmax(jnp.min(shares, axis=-1), axis=-1)
     share = jnp.maximum(
         jnp.take_along_axis(shares, face[:, None, None], axis=1)[:, 0], 0
@@ -61,10 +64,10 @@ def cabral(maps: jax.Array, normals: jax.Array, views: jax.Array) -> jax.Array:
 
 
 @jax.jit
-def elevation_maps(maps: jax.Array) -> jax.Array:
+def elevation_maps(maps: ReflectionMap) -> jax.Array:
     """A map for each elevation of the view, from a local SHRM: ``(T, ..., C)``."""
-    angles = jnp.linspace(0, np.pi, ELEVATIONS).astype(maps.dtype)
-    return jnp.moveaxis(shrm.azimuthal_texture(maps, angles), -2, 0)
+    angles = jnp.linspace(0, np.pi, ELEVATIONS).astype(maps.coefs.dtype)
+    return jnp.moveaxis(azimuthal_texture(maps, angles), -2, 0)
 
 
 @jax.jit

@@ -11,9 +11,7 @@ RGB float32. Errors are rms over the pixels against the integral over the panora
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
-import time
 from pathlib import Path
 
 import click
@@ -25,8 +23,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import shjax
 from experiments.alternatives import importance, split_sum
-from experiments.benchmarks.timing import interleaved_medians
+from experiments.timing import first_call, interleaved_medians
 from experiments.versions import versions
+from experiments.writing import markdown_table, write_result
 from shjax import brdf, ibl, io, render
 
 ALPHA, F0 = 0.2, 0.04
@@ -65,23 +64,18 @@ def run(
         "build": lambda: ibl.prefilter_light(envmap).texels,
         "build, no split": lambda: ibl.prefilter_light(envmap, max_lights=0).texels,
         "shade": lambda: ibl.shade(light, normals, views, **full),
-        "shade, no small light": lambda: ibl.shade(alone, normals, views, **full),
+        "shade, no light split off": lambda: ibl.shade(alone, normals, views, **full),
         "gradient in every pixel's inputs": lambda: gradient(normals, views, full),
         "gradient in the maps": lambda: light_gradient(light.texels),
         "split-sum shade": lambda: split_sum.shade(simple, normals, views, **full),
     }
-    compile_seconds = {}
-    for name, function in work.items():
-        jax.clear_caches()
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        compile_seconds[name] = time.perf_counter() - start
+    compile_seconds = {name: first_call(function) for name, function in work.items()}
     seconds = interleaved_medians(work, rounds)
     return {
         "seconds": seconds,
         "first call": compile_seconds,
         "pixels": n,
-        "small lights": len(light.lights.heights),
+        "lights split off": len(light.lights.heights),
         "at equal error": _errors(
             envmap, normals, views, light, alone, simple, samples
         ),
@@ -110,8 +104,8 @@ def _errors(envmap, normals, views, light, alone, simple, samples) -> dict:
     values = _material(count)
     levels = importance.pyramid(small)
     work = {
-        "adapted 9, lights split": lambda: ibl.shade(light, n, v, **values),
-        "adapted 9": lambda: ibl.shade(alone, n, v, **values),
+        "low-rank 9, lights split": lambda: ibl.shade(light, n, v, **values),
+        "low-rank 9": lambda: ibl.shade(alone, n, v, **values),
         "split-sum": lambda: split_sum.shade(simple, n, v, **values),
     }
     for s in samples:
@@ -144,20 +138,22 @@ class _Draw:
 def markdown(result: dict) -> str:
     """The tables as text."""
     seconds, first = result["seconds"], result["first call"]
-    lines = ["# Speed of the lighting layer", "", __doc__ or "", ""]
-    lines += [f"{result['pixels']} pixels, {result['small lights']} small lights.", ""]
-    lines += ["| | ms, warm | times shade | first call, s |", "|---|---|---|---|"]
-    for name, value in seconds.items():
-        ratio = value / seconds["shade"]
-        lines.append(
-            f"| {name} | {1e3 * value:.1f} | {ratio:.2f} | {first[name]:.2f} |"
-        )
-    lines += ["", "| GGX 0.2, f0 0.04 | rms error | us a pixel |", "|---|---|---|"]
-    for name, row in result["at equal error"].items():
-        lines.append(
-            f"| {name} | {row['rms']:.1%} | {row['microseconds a pixel']:.2f} |"
-        )
-    return "\n".join(lines) + "\n"
+    times = [
+        [name, f"{1e3 * t:.1f}", f"{t / seconds['shade']:.2f}", f"{first[name]:.2f}"]
+        for name, t in seconds.items()
+    ]
+    errors = [
+        [name, f"{row['rms']:.1%}", f"{row['microseconds a pixel']:.2f}"]
+        for name, row in result["at equal error"].items()
+    ]
+    return "\n\n".join(
+        [
+            f"# Speed of the lighting layer\n\n{__doc__ or ''}",
+            f"{result['pixels']} pixels, {result['lights split off']} split off.",
+            markdown_table(["", "ms, warm", "times shade", "first call, s"], times),
+            markdown_table(["GGX 0.2, f0 0.04", "rms error", "us per pixel"], errors),
+        ]
+    )
 
 
 @click.command()
@@ -166,10 +162,7 @@ def main(out: Path) -> None:
     """Write speed_lighting_layer.md and .json."""
     out.mkdir(parents=True, exist_ok=True)
     result = run()
-    text = json.dumps(result, indent=1)
-    io.write_text(out / "speed_lighting_layer.json", text + "\n")
-    io.write_text(out / "speed_lighting_layer.md", markdown(result))
-    print(markdown(result))
+    write_result(out, "speed_lighting_layer", markdown(result), result)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import shjax
-from experiments.benchmarks.timing import interleaved_medians
+from experiments.timing import interleaved_medians
 from shjax.sphere import fibonacci_directions
 
 

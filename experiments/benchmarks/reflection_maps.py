@@ -10,10 +10,8 @@ memory from XLA's own analysis.
 from __future__ import annotations
 
 import functools
-import json
 import os
 import sys
-import time
 from pathlib import Path
 
 import click
@@ -23,10 +21,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from experiments.benchmarks.timing import interleaved_medians
-from experiments.versions import versions
-from shjax import shrm
-from shjax.view_basis import HarmonicViews
+import shjax
+from experiments.timing import interleaved_medians, stopwatch
+from experiments.versions import versions, versions_line
+from experiments.writing import markdown_table, write_result
+from shjax import reflection
+from shjax.reflection.reading import FRAMES
 
 F, P, SIZE, FACE, CHANNELS = 24, 3, 128, 64, 3
 
@@ -61,17 +61,24 @@ def run(rounds: int = 21) -> dict:
     rng = np.random.default_rng(0)
     lighting = jnp.asarray(rng.normal(size=((F + 1) ** 2, CHANNELS)), jnp.float32)
     rho = jnp.asarray(rng.normal(size=(F + 1, P + 1, P + 1, CHANNELS)), jnp.float32)
-    whole = functools.partial(shrm.prefilter, lighting, rho, n_theta=SIZE, n_phi=SIZE)
+
+    def prefilter(light, kernel, frame):
+        return shjax.prefilter(
+            light, kernel, frame=frame, n_theta=SIZE, n_phi=SIZE
+        ).coefs
+
+    def whole(frame="local"):
+        return prefilter(lighting, rho, frame)
+
     compile_seconds, compiled_bytes = {}, {}
-    for frame in shrm.FRAMES:
-        start = time.perf_counter()
-        one = functools.partial(
-            shrm.prefilter_in, HarmonicViews(P), n_theta=SIZE, n_phi=SIZE, frame=frame
-        )
-        lowered = jax.jit(one).lower(lighting, rho)
-        compiled_bytes[frame] = memory(lowered)
-        compile_seconds[frame] = time.perf_counter() - start
-    cube = shrm.prefilter_cube(lighting, rho, size=FACE, frame="global")
+    for frame in FRAMES:
+        one = functools.partial(prefilter, frame=frame)
+
+        def compiling(one=one, frame=frame):
+            compiled_bytes[frame] = memory(jax.jit(one).lower(lighting, rho))
+
+        compile_seconds[frame] = stopwatch(compiling)
+    cube = reflection.prefilter_cube(lighting, rho, size=FACE, frame="global")
     view = jnp.asarray([0.48, 0.6, 0.64], jnp.float32)
     counts = operations()
     times = interleaved_medians(
@@ -79,9 +86,9 @@ def run(rounds: int = 21) -> dict:
             "local shrm": whole,
             "global shrm": lambda: whole(frame="global"),
             "product as large as the shrm": dense(counts["shrm"]),
-            "dynamic map": lambda: shrm.dynamic_map(cube, view),
+            "dynamic map": lambda: reflection.dynamic_map(cube, view),
             "product as large as the dynamic map": dense(counts["dynamic"]),
-            "sum of the cube's coefficients": lambda: jnp.sum(cube),
+            "sum of the cube's coefficients": lambda: jnp.sum(cube.coefs),
         },
         rounds,
     )
@@ -105,27 +112,28 @@ def run(rounds: int = 21) -> dict:
 
 def table(result: dict) -> str:
     """The result as markdown."""
-    lines = [
-        "# Reflection maps",
-        "",
-        ", ".join(f"{k} {v}" for k, v in result["versions"].items()),
+    times = [[name, f"{1e3 * s:.3f}"] for name, s in result["seconds"].items()]
+    ratios = [[name, f"{ratio:.2f}"] for name, ratio in result["ratios"].items()]
+    maps = [
+        [
+            frame,
+            f"{result['compile_seconds'][frame]:.2f}",
+            f"{sizes['output'] / 1e6:.2f}",
+            f"{sizes['temporary'] / 1e6:.2f}",
+        ]
+        for frame, sizes in result["bytes"].items()
     ]
-    lines += [f"{result['threads']} core(s); F = {F}, P = {P}, RGB float32", ""]
-    lines += ["| what | ms |", "|---|---|"]
-    lines += [f"| {name} | {1e3 * s:.3f} |" for name, s in result["seconds"].items()]
-    lines += ["", "| ratio | |", "|---|---|"]
-    lines += [f"| {name} | {ratio:.2f} |" for name, ratio in result["ratios"].items()]
-    lines += [
-        "",
-        "| map | compile, s | output, MB | temporary, MB |",
-        "|---|---|---|---|",
-    ]
-    for frame, sizes in result["bytes"].items():
-        lines.append(
-            f"| {frame} | {result['compile_seconds'][frame]:.2f} | "
-            f"{sizes['output'] / 1e6:.2f} | {sizes['temporary'] / 1e6:.2f} |"
-        )
-    return "\n".join(lines) + "\n"
+    head = ["map", "compile, s", "output, MB", "temporary, MB"]
+    return "\n\n".join(
+        [
+            "# Reflection maps",
+            f"{versions_line(result['versions'])}\n"
+            f"{result['threads']} core(s); F = {F}, P = {P}, RGB float32",
+            markdown_table(["what", "ms"], times),
+            markdown_table(["ratio", ""], ratios),
+            markdown_table(head, maps),
+        ]
+    )
 
 
 @click.command()
@@ -133,12 +141,7 @@ def table(result: dict) -> str:
 def main(out: Path | None) -> None:
     """Print the table, and write it where asked."""
     result = run()
-    text = table(result)
-    print(text)
-    if out:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "reflection_maps.md").write_text(text)
-        (out / "reflection_maps.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_result(out, "reflection_maps", table(result), result)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,7 +22,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from experiments.versions import versions
+from experiments.versions import versions, versions_line
+from experiments.writing import markdown_table, write_result
 
 SUN = 1e5
 
@@ -43,7 +43,7 @@ class Rows:
 
     def times(self, candidates: dict[str, Callable[[], object]]) -> dict[str, float]:
         """Median seconds of each."""
-        from experiments.benchmarks.timing import interleaved_medians
+        from experiments.timing import interleaved_medians
 
         return interleaved_medians(candidates, self.rounds)
 
@@ -157,9 +157,14 @@ def _analysis(rows: Rows, panorama, threads: int) -> None:
         def synthesize(alm=alm, n_theta=n_theta, ducc0=ducc0) -> None:
             for _ in range(3):
                 ducc0.sht.experimental.synthesis_2d(
-                    alm=alm, spin=0, lmax=30, geometry="F1", ntheta=n_theta,
-                    nphi=2 * n_theta, nthreads=threads,
-                )  # fmt: skip
+                    alm=alm,
+                    spin=0,
+                    lmax=30,
+                    geometry="F1",
+                    ntheta=n_theta,
+                    nphi=2 * n_theta,
+                    nthreads=threads,
+                )
 
         times = rows.times(
             {
@@ -199,9 +204,12 @@ def _full_band(rows: Rows, rng) -> None:
     from s2fft.precompute_transforms.spherical import forward_transform_jax
 
     for band, l_max, reach in (
-        (32, 31, "10"), (64, 63, "10"), (128, 127, "15"), (128, 30, "100"),
+        (32, 31, "10"),
+        (64, 63, "10"),
+        (128, 127, "15"),
+        (128, 30, "100"),
         (256, 30, "300"),
-    ):  # fmt: skip
+    ):
         theirs = jnp.asarray(rng.random((2 * band, 2 * band - 1), np.float32))
         theirs = theirs[:band]  # the "mw" sampling: L rings of 2 L - 1
         ours = jnp.asarray(rng.random((2 * band - 1, 2 * band - 1, 1), np.float32))
@@ -348,9 +356,12 @@ def _scipy_basis(points):
     theta, phi = jnp.arccos(points[:, 2]), jnp.arctan2(points[:, 1], points[:, 0])
     n = points.shape[0]
     return sph_harm_y(
-        jnp.repeat(jnp.asarray(l), n), jnp.repeat(jnp.asarray(m), n),
-        jnp.tile(theta, l.size), jnp.tile(phi, l.size), n_max=8,
-    )  # fmt: skip
+        jnp.repeat(jnp.asarray(l), n),
+        jnp.repeat(jnp.asarray(m), n),
+        jnp.tile(theta, l.size),
+        jnp.tile(phi, l.size),
+        n_max=8,
+    )
 
 
 def _compile_times(rows: Rows, panorama) -> None:
@@ -358,12 +369,7 @@ def _compile_times(rows: Rows, panorama) -> None:
     import jax.numpy as jnp
 
     import shjax
-
-    def first_call(function) -> float:
-        jax.clear_caches()
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        return time.perf_counter() - start
+    from experiments.timing import first_call
 
     for l_max, n_theta in ((2, 512), (30, 512), (30, 1024), (128, 512)):
         image = panorama(n_theta)
@@ -397,9 +403,11 @@ def _errors(rows: Rows) -> None:
         even_odd = np.split(np.einsum("kh,hwc->kwc", rings, image.astype(float)), [31])
         parts = []
         for part, azimuth, degree in zip(
-            even_odd, tables.azimuth_weights(grid, l_max), tables.degree_tables(l_max),
+            even_odd,
+            tables.azimuth_weights(grid, l_max),
+            tables.degree_tables(l_max),
             strict=True,
-        ):  # fmt: skip
+        ):
             waves = np.einsum("kwc,wms->mksc", part, azimuth)
             parts.append(np.einsum("mlk,mksc->mlsc", degree, waves))
         exact = np.concatenate(parts).reshape(-1, 1)[tables.flat_positions(l_max)]
@@ -411,20 +419,22 @@ def _errors(rows: Rows) -> None:
 
 def markdown(results: dict) -> str:
     """The table of all rows, one column a number of threads."""
-    lines = ["# Transforms beside their peers", ""]
-    lines += [", ".join(f"{k} {v}" for k, v in results["versions"].items()), ""]
-    lines += [
-        "| work | ratio | reach | 1 thread | 2 threads |",
-        "|---|---|---|---|---|",
-    ]
     two = {(w, q): (r, v) for w, q, r, v in results["threads"].get("2", [])}
+    rows = []
     for work, quantity, reach, value in results["threads"]["1"]:
         other = two.get((work, quantity))
         cell = f"{other[1]:.3g}" if other else ""
         if other and other[0] != reach:
             cell += f" (reach {other[0]})"
-        lines.append(f"| {work} | {quantity} | {reach} | {value:.3g} | {cell} |")
-    return "\n".join(lines) + "\n"
+        rows.append([work, quantity, reach, f"{value:.3g}", cell])
+    head = ["work", "ratio", "reach", "1 thread", "2 threads"]
+    return "\n\n".join(
+        [
+            "# Transforms beside their peers",
+            versions_line(results["versions"]),
+            markdown_table(head, rows),
+        ]
+    )
 
 
 @click.command()
@@ -444,12 +454,7 @@ def main(threads: int | None, rounds: int, out: Path | None) -> None:
         command = [sys.executable, __file__, f"--threads={count}", f"--rounds={rounds}"]
         run = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
         results["threads"][str(count)] = json.loads(run.stdout.splitlines()[-1])
-    text = markdown(results)
-    print(text)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "transforms.md").write_text(text)
-        (out / "transforms.json").write_text(json.dumps(results, indent=1) + "\n")
+    write_result(out, "transforms", markdown(results), results)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 import shjax
+from experiments.writing import markdown_table
 from shjax import io
 
 HERE = Path(__file__).resolve().parent
@@ -144,23 +145,14 @@ def by_cmgen(files) -> dict[str, str]:
 def markdown(table: dict[str, dict[str, str]], versions: dict[str, str]) -> str:
     """The table, one row for each kind."""
     tools = list(table)
-    lines = [
-        "# Kinds of file, and what tools do with them",
-        "",
+    about = (
         "Made by `python -m experiments.kinds_of_file` on "
         f"{datetime.date.today().isoformat()} with "
         + ", ".join(f"{tool} {version}" for tool, version in versions.items())
         + ". *right*: within twice the format's own error; a refusal is not wrong. "
-        "three.js reads .hdr by its HDRLoader, all else by its EXRLoader.",
-        "",
-        "| kind | " + " | ".join(tools) + " |",
-        "|---" * (1 + len(tools)) + "|",
-    ]
-    names = list(table["shjax"])
-    lines += [
-        f"| {name} | " + " | ".join(table[tool][name] for tool in tools) + " |"
-        for name in names
-    ]
+        "three.js reads .hdr by its HDRLoader, all else by its EXRLoader."
+    )
+    rows = [[name, *(table[tool][name] for tool in tools)] for name in table["shjax"]]
     counts = [
         ", ".join(
             f"{sum(v.startswith(word) for v in table[tool].values())} {word}"
@@ -168,8 +160,8 @@ def markdown(table: dict[str, dict[str, str]], versions: dict[str, str]) -> str:
         )
         for tool in tools
     ]
-    lines += ["| *in all* | " + " | ".join(counts) + " |", ""]
-    return "\n".join(lines)
+    page = markdown_table(["kind", *tools], [*rows, ["*in all*", *counts]])
+    return f"# Kinds of file, and what tools do with them\n\n{about}\n\n{page}\n"
 
 
 def main() -> None:
@@ -180,9 +172,10 @@ def main() -> None:
         default=os.environ.get("SHJAX_MITSUBA_PYTHON", sys.executable),
     )
     parser.add_argument(
-        "--node-modules", type=Path,
+        "--node-modules",
+        type=Path,
         default=Path(os.environ.get("SHJAX_NODE_MODULES", "node_modules")),
-    )  # fmt: skip
+    )
     parser.add_argument("--out", type=Path, default=Path("experiments/results"))
     options = parser.parse_args()
     modules = options.node_modules

@@ -47,37 +47,51 @@ def irradiance_methods(where: Scene) -> Iterator[Method]:
             build = functools.partial(coefs, 2, name)
             yield Method(f"window {name}", "windows at 2", build, by_degree, ours=True)
     yield Method(
-        "brute force", "brute force", lambda: light,
-        lambda held, n, v: shjax.reference_irradiance(held, n), ours=True,
-    )  # fmt: skip
+        "brute force",
+        "brute force",
+        lambda: light,
+        lambda held, n, v: shjax.reference_irradiance(held, n),
+        ours=True,
+    )
     yield Method(
-        "brute force, cube 16", "brute force", lambda: irradiance.cube_light(light),
+        "brute force, cube 16",
+        "brute force",
+        lambda: irradiance.cube_light(light),
         lambda held, n, v: irradiance.cube_irradiance(held, n),
-    )  # fmt: skip
+    )
     yield Method(
-        "ambient cube", "ambient cube",
+        "ambient cube",
+        "ambient cube",
         lambda: shjax.irradiance(
             shjax.analyze(light, l_max=8), jnp.asarray(irradiance.AXES, jnp.float32)
         ),
         lambda held, n, v: irradiance.ambient_cube(held, n),
-    )  # fmt: skip
+    )
     yield Method(
-        "ambient dice", "ambient dice", lambda: irradiance.ambient_dice_fit(coefs(8)),
+        "ambient dice",
+        "ambient dice",
+        lambda: irradiance.ambient_dice_fit(coefs(8)),
         lambda held, n, v: irradiance.ambient_dice(held, n),
-    )  # fmt: skip
+    )
     yield Method(
-        "Geomerics, degree 1", "degree 1, non-linear", lambda: coefs(1),
+        "Geomerics, degree 1",
+        "degree 1, non-linear",
+        lambda: coefs(1),
         lambda held, n, v: irradiance.geomerics(held, n),
-    )  # fmt: skip
+    )
     yield Method(
         "ZH3", "ZH3", lambda: coefs(2), lambda held, n, v: irradiance.zh3(held, n)
     )
     yield Method(
-        "12 spherical Gaussians", "spherical Gaussians",
+        "12 spherical Gaussians",
+        "spherical Gaussians",
         lambda: irradiance.gaussian_fit(_at(light, irradiance.gaussian_directions())),
         lambda held, n, v: irradiance.gaussian_irradiance(held, n),
-    )  # fmt: skip
+    )
     yield Method(
-        "H-basis, 6", "H-basis", lambda: irradiance.h_basis_fit(coefs(8)),
-        lambda held, n, v: irradiance.h_basis_irradiance(held, n), upper=True,
-    )  # fmt: skip
+        "H-basis, 6",
+        "H-basis",
+        lambda: irradiance.h_basis_fit(coefs(8)),
+        lambda held, n, v: irradiance.h_basis_irradiance(held, n),
+        upper=True,
+    )

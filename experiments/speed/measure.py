@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import subprocess
 import sys
 import time
@@ -13,8 +12,9 @@ import numpy as np
 
 from experiments.speed.methods import Method
 from experiments.speed.scenes import Scene
-from shjax.model import Model
-from shjax.sampling import measured_error
+from experiments.timing import median_seconds
+from shjax.reference.random_orientations import measured_error
+from shjax.reflection.model import ReflectionModel
 
 ROUNDS = 3
 _LONG = 0.5  # seconds after which no further round is run
@@ -49,10 +49,12 @@ class Measure:
         normals, views = where.normals[keep], where.views[keep]
         exact, weights = exact[keep], weights[keep]
         built = jax.block_until_ready(method.build())
-        found = {"build seconds": _warm(method.build, self.rounds)}
+        found = {"build seconds": median_seconds(method.build, self.rounds, long=_LONG)}
         evaluate = self._evaluation(method, material, built, normals, views, found)
         values = jax.block_until_ready(evaluate(built, normals, views))
-        found["seconds"] = _warm(lambda: evaluate(built, normals, views), self.rounds)
+        found["seconds"] = median_seconds(
+            lambda: evaluate(built, normals, views), self.rounds, long=_LONG
+        )
         found["points"] = int(normals.shape[0])
         found |= _errors(np.asarray(values, np.float64), exact, weights)
         held = sum(a.nbytes for a in jax.tree.leaves(built))
@@ -62,7 +64,9 @@ class Measure:
         row = {
             k: v if isinstance(v, int) else float(f"{v:.5g}") for k, v in found.items()
         }
-        return row | ({"chosen": built.message} if isinstance(built, Model) else {})
+        return row | (
+            {"chosen": built.message} if isinstance(built, ReflectionModel) else {}
+        )
 
     def forget(self, material: str) -> None:
         """Drop what was compiled for a material: a process may map only so much code."""
@@ -109,16 +113,6 @@ def _errors(values: np.ndarray, exact: np.ndarray, weights: np.ndarray) -> dict:
     }
 
 
-def _warm(function, rounds: int) -> float:
-    """Median seconds of so many rounds, or of one that takes long."""
-    times = []
-    while len(times) < rounds and sum(times) < _LONG:
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
-
-
 def child_memory(panorama: str, material: str, method: str, cache: Path) -> int | None:
     """Largest resident size of a process that does nothing but one method, bytes."""
     script = (
@@ -126,8 +120,10 @@ def child_memory(panorama: str, material: str, method: str, cache: Path) -> int 
     )
     run = subprocess.run(
         [sys.executable, "-c", script, panorama, material, method, str(cache)],
-        capture_output=True, text=True, timeout=600,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     return int(run.stdout.split()[-1]) if run.returncode == 0 else None
 
 

@@ -16,10 +16,12 @@ import numpy as np
 import shjax
 from experiments.alternatives import importance, split_sum, view_textures
 from experiments.speed.scenes import Material, Scene
-from shjax import ibl, shrm
+from shjax import ibl
 from shjax.io.writing import replacing
+from shjax.reflection import ReflectionMap, default_size
+from shjax.reflection.prefiltering import map_of_kernels
+from shjax.reflection.view_basis import HarmonicViews, ViewBasis, ZonalViews
 from shjax.sphere import mirror
-from shjax.view_basis import HarmonicViews, ZonalViews
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Steps:
         radial: Degrees of radial maps.
         views: Degrees P of the SHRM.
         errors: What ``choose_model`` is asked for.
-        maps: Of the lighting layer and of adapted view bases.
+        maps: Of the lighting layer and of low-rank maps.
         lights: Split by the lighting layer.
         samples: Of Monte Carlo.
         l_max: To which a BRDF is expanded.
@@ -47,9 +49,14 @@ class Steps:
 
 ALL = Steps()
 FEW = Steps(
-    radial=(8, 16, 32), views=(2, 4), errors=(0.1,), maps=(9,), lights=(0, 4),
-    samples=(16, 256), l_max=64,
-)  # fmt: skip
+    radial=(8, 16, 32),
+    views=(2, 4),
+    errors=(0.1,),
+    maps=(9,),
+    lights=(0, 4),
+    samples=(16, 256),
+    l_max=64,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +101,7 @@ class Prepared:
             with replacing(path) as temporary:
                 temporary.write_bytes(pickle.dumps(made))
         held = pickle.loads(path.read_bytes())
-        self.expansion, self.energies, self.adapted = held
+        self.expansion, self.energies, self.low_rank = held
         self.rho = np.asarray(self.expansion.rho, np.float32)
         energy = np.einsum("lpqc,q->l", self.rho**2, np.where(np.arange(9) == 0, 1, 2))
         held = np.cumsum(energy) / energy.sum()
@@ -103,11 +110,13 @@ class Prepared:
 
     def _make(self):
         surface, l_max = self.material.brdf, self.steps.l_max
-        expansion = shjax.expand_brdf(surface, l_max=l_max, p_max=8, accuracy=1e-4)
-        energies = shjax.brdf_energies(surface, p_max=16)
+        expansion = shjax.brdf.expand(surface, l_max=l_max, p_max=8, accuracy=1e-4)
+        energies = shjax.reflection.brdf_energies(surface, p_max=16)
         counts = self.steps.maps if self.material.kind != "ggx" else ()
-        adapted = {n: shjax.adapt(surface, maps=n, l_max=63) for n in counts}
-        return expansion, energies, adapted
+        low_rank = {
+            n: shjax.reflection.fit_low_rank(surface, maps=n, l_max=63) for n in counts
+        }
+        return expansion, energies, low_rank
 
 
 def glossy_methods(where: Scene, prepared: Prepared) -> Iterator[Method]:
@@ -122,28 +131,31 @@ def glossy_methods(where: Scene, prepared: Prepared) -> Iterator[Method]:
 def _map_method(
     where: Scene, prepared: Prepared, basis, f: int, name: str, family: str
 ):
-    rho = jnp.asarray(prepared.rho[: f + 1])
     p = basis.p_max
-    rows, columns = shrm.default_size(f)
+    rho = jnp.asarray(prepared.rho[: f + 1, : p + 1, : p + 1])
 
     def build():
-        coefs = _coefs(where, f)
-        return shrm.prefilter_in(
-            basis, coefs, rho[:, : p + 1, : p + 1], n_theta=rows, n_phi=columns
-        )
-
-    def evaluate(maps, normals, views):
-        return shrm.read_in(basis, maps, mirror(normals, views), views)
+        return _map(_coefs(where, f), basis.kernels(rho), basis)
 
     def predicted(_) -> float:
         degree = min(127, prepared.expansion.l_max)
         light = shjax.analyze(where.radiance, l_max=degree, quadrature="pixel")
-        error = shjax.predicted_error(
+        error = shjax.brdf.predicted_rms_error(
             shjax.power_spectrum(light), prepared.expansion, l_max=f, p_max=p
         )
         return float(error)
 
-    return Method(name, family, build, evaluate, ours=True, predicted=predicted)
+    return Method(name, family, build, _read, ours=True, predicted=predicted)
+
+
+def _map(coefs: jax.Array, kernels: jax.Array, basis: ViewBasis) -> ReflectionMap:
+    size = default_size(kernels.shape[0] - 1)
+    return map_of_kernels(coefs, kernels, basis, None, size=size, centre="reflection")
+
+
+@jax.jit
+def _read(held: ReflectionMap, normals: jax.Array, views: jax.Array) -> jax.Array:
+    return held.radiance(normals, views)
 
 
 def _coefs(where: Scene, f: int) -> jax.Array:
@@ -168,14 +180,20 @@ def _maps(where: Scene, prepared: Prepared) -> Iterator[Method]:
 def _models(where: Scene, prepared: Prepared) -> Iterator[Method]:
     for error in prepared.steps.errors:
         build = functools.partial(
-            shjax.choose_model, where.envmap, prepared.material.brdf,
-            rms_error=error, energies=prepared.energies,
-        )  # fmt: skip
+            shjax.choose_model,
+            where.envmap,
+            prepared.material.brdf,
+            rms_error=error,
+            energies=prepared.energies,
+        )
         yield Method(
-            f"choose_model {error:g}", "choose_model", build,
-            jax.jit(lambda model, n, v: model.radiance(n, v)), ours=True,
+            f"choose_model {error:g}",
+            "choose_model",
+            build,
+            jax.jit(lambda model, n, v: model.radiance(n, v)),
+            ours=True,
             predicted=lambda model: model.predicted_rms_error,
-        )  # fmt: skip
+        )
 
 
 def _fitted(where: Scene, prepared: Prepared) -> Iterator[Method]:
@@ -191,27 +209,21 @@ def _fitted(where: Scene, prepared: Prepared) -> Iterator[Method]:
                     functools.partial(
                         ibl.prefilter_light, where.envmap, maps=maps, max_lights=lights
                     ),
-                    functools.partial(_shade, values), ours=True, own=True,
-                )  # fmt: skip
+                    functools.partial(_shade, values),
+                    ours=True,
+                    own=True,
+                )
         return
     for maps in prepared.steps.maps:
-        fit = prepared.adapted[maps]
+        fit = prepared.low_rank[maps]
         kernels = jnp.asarray(fit.kernels, jnp.float32)
         kernels = jnp.broadcast_to(kernels, (*kernels.shape[:2], 3))
-        rows, columns = shrm.default_size(63)
 
-        def build(kernels=kernels, orders=fit.views.orders, size=(rows, columns)):
-            coefs = _coefs(where, 63)
-            return shrm.prefilter_kernels(
-                coefs, kernels[:64], orders, n_theta=size[0], n_phi=size[1]
-            )
+        def build(kernels=kernels[:64], basis=fit.views):
+            return _map(_coefs(where, 63), kernels, basis)
 
-        def evaluate(held, normals, views, basis=fit.views):
-            return shrm.read_in(basis, held, mirror(normals, views), views)
-
-        yield Method(
-            f"adapted {maps} maps", "adapted maps", build, evaluate, ours=True, own=True
-        )
+        name = f"low-rank {maps} maps"
+        yield Method(name, "low-rank maps", build, _read, ours=True, own=True)
 
 
 def _metallic_roughness(material: Material, n: int) -> dict[str, jax.Array]:
@@ -247,21 +259,17 @@ def _others(where: Scene, prepared: Prepared) -> Iterator[Method]:
 
                 yield Method(name, "split-sum", build, evaluate, own=True)
     f, p = prepared.degree, 8
-    rows, columns = shrm.default_size(f)
     rho = jnp.asarray(prepared.rho[: f + 1])
 
-    def light():
-        return _coefs(where, f)
-
     def elevations():
-        maps = shrm.prefilter_in(
-            HarmonicViews(p), light(), rho, n_theta=rows, n_phi=columns
+        return view_textures.elevation_maps(
+            shjax.prefilter(_coefs(where, f), rho[:, : p + 1, : p + 1])
         )
-        return view_textures.elevation_maps(maps)
 
     def twelve():
-        maps = shrm.prefilter_in(
-            HarmonicViews(p), light(), rho, n_theta=rows, n_phi=columns, frame="global"
+        rows, columns = default_size(f)
+        maps = shjax.prefilter(
+            _coefs(where, f), rho, n_theta=rows, n_phi=columns, frame="global"
         )
         return view_textures.cabral_maps(maps)
 

@@ -23,18 +23,26 @@ def save_plots(out: Path, result: dict) -> dict[str, list[str]]:
         group = of_material(result, material)
         with plt.rc_context({"font.size": 13, "axes.titlesize": 13}):
             figure, axes = plt.subplots(
-                1, len(group), figsize=(5 * len(group) + 1, 5.8), sharey=True,
-                squeeze=False, layout="constrained",
-            )  # fmt: skip
+                1,
+                len(group),
+                figsize=(5 * len(group) + 1, 5.8),
+                sharey=True,
+                squeeze=False,
+                layout="constrained",
+            )
             for axis, (panorama, entry) in zip(axes[0], group, strict=True):
                 draw(axis, entry)
                 axis.set_title(f"{material}, {panorama}")
             axes[0, 0].set_ylabel("relative rms error")
             handles, labels = axes[0, 0].get_legend_handles_labels()
             figure.legend(
-                handles, labels, loc="outside lower center", fontsize=12,
-                frameon=False, ncols=max(2, min(4, 1 + len(group))),
-            )  # fmt: skip
+                handles,
+                labels,
+                loc="outside lower center",
+                fontsize=12,
+                frameon=False,
+                ncols=max(2, min(4, 1 + len(group))),
+            )
         name = "".join(c if c.isalnum() else "_" for c in material) + ".png"
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=75)
@@ -61,19 +69,30 @@ def draw(axis, entry: dict) -> None:
         y = [max(row["rms"], 1e-5) for row in rows]
         own = rows[0]["ours"]
         axis.plot(
-            x, y, linestyle="-" if own else "--", linewidth=1.5 if own else 1,
-            marker=_MARKERS[count[own] % len(_MARKERS)], color=colours(count[own] % 10),
-            markersize=6, markerfacecolor=None if own else "white",
+            x,
+            y,
+            linestyle="-" if own else "--",
+            linewidth=1.5 if own else 1,
+            marker=_MARKERS[count[own] % len(_MARKERS)],
+            color=colours(count[own] % 10),
+            markersize=6,
+            markerfacecolor=None if own else "white",
             label=family + (" (shjax)" if own else ""),
-        )  # fmt: skip
+        )
         count[own] += 1
     names = front(methods)
     x = [1e3 * methods[name]["seconds"] for name in names]
     y = [max(methods[name]["rms"], 1e-5) for name in names]
     axis.step(
-        x, y, where="post", color="black", alpha=0.25, linewidth=6, zorder=0,
+        x,
+        y,
+        where="post",
+        color="black",
+        alpha=0.25,
+        linewidth=6,
+        zorder=0,
         label="the fastest at each error",
-    )  # fmt: skip
+    )
     axis.axhline(floor, color="grey", linestyle=":", label="the reference's own error")
     axis.set(xscale="log", yscale="log", xlabel="ms to evaluate all points")
     axis.grid(alpha=0.2)

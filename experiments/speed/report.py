@@ -17,6 +17,8 @@ from experiments.speed.tables import (
     memory_table,
     method_table,
 )
+from experiments.versions import versions_line
+from experiments.writing import markdown_table
 from shjax import io
 
 Block = tuple[str, Any]  # kind (h1, h2, p, table, image) and content
@@ -39,7 +41,7 @@ def write(out: Path, result: dict, *, plots: bool = True) -> None:
 def _blocks(result: dict, pictures: dict[str, list[str]]) -> Iterator[Block]:
     about = result["about"]
     yield "h1", "Speed against error"
-    versions = ", ".join(f"{k} {v}" for k, v in about["versions"].items())
+    versions = versions_line(about["versions"])
     yield "p", _about(about, versions)
     yield "h2", "When which method wins"
     for line in prose(result):
@@ -86,9 +88,7 @@ def _markdown(blocks: list[Block]) -> str:
     lines: list[str] = []
     for kind, content in blocks:
         if kind == "table":
-            head, *rest = content
-            rows = [head, ["---"] * len(head), *rest]
-            lines += ["| " + " | ".join(row) + " |" for row in rows]
+            lines.append(markdown_table(content[0], content[1:]))
         elif kind == "image":
             lines.append(f"![Pareto front]({content})")
         else:

@@ -15,7 +15,7 @@ import shjax
 from experiments.data import data_folder
 from shjax import brdf, io
 from shjax.io.writing import replacing
-from shjax.sampling import Samples, draw_orientations
+from shjax.reference.random_orientations import Orientations, draw_orientations
 
 ROWS, PAIRS, SEED = 128, 2048, 1
 FULL_PANORAMAS = ("city", "sunrise", "night")
@@ -37,7 +37,7 @@ class Scene:
     name: str
     envmap: shjax.EnvironmentMap
     radiance: jnp.ndarray
-    samples: Samples
+    samples: Orientations
     normals: jnp.ndarray
     views: jnp.ndarray
 
@@ -90,18 +90,21 @@ def materials() -> tuple[Material, ...]:
     ]
     found += [
         Material(
-            f"GGX {alpha} f0 {f0:g}", brdf.ggx(alpha, f0, multiscatter=True), "ggx",
-            alpha, f0,
+            f"GGX {alpha} f0 {f0:g}",
+            brdf.ggx(alpha, f0, multiscatter=True),
+            "ggx",
+            alpha,
+            f0,
         )
         for f0 in (0.04, 1.0)
         for alpha in (0.1, 0.2, 0.4)
-    ]  # fmt: skip
+    ]
     found += [
         Material(
             f"microfacet {sigma}", brdf.gaussian_microfacet(sigma), "microfacet", sigma
         )
         for sigma in (0.1, 0.2, 0.3, 0.4, 0.5)
-    ]  # fmt: skip
+    ]
     folder = data_folder() / "brdf"
     if folder.is_dir():
         known = json.loads((folder / "cornell_lafortune.json").read_text())["materials"]

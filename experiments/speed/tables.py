@@ -35,19 +35,35 @@ def method_table(result: dict, material: str) -> list[list[str]]:
     """All that was measured of a material, a row a method."""
     group = of_material(result, material)
     table = [
-        ["method", "build, ms", "evaluate, ms", "compile, s", "stored, kB",
-         *(f"rms, {p}" for p, _ in group), "max", "most negative", "predicted"]
-    ]  # fmt: skip
+        [
+            "method",
+            "build, ms",
+            "evaluate, ms",
+            "compile, s",
+            "stored, kB",
+            *(f"rms, {p}" for p, _ in group),
+            "max",
+            "most negative",
+            "predicted",
+        ]
+    ]
     first = group[0][1]["methods"]
     for name, row in first.items():
         errors = [e["methods"].get(name, {}).get("rms") for _, e in group]
         predicted = row.get("predicted")
         table.append(
-            [name, _milliseconds(row["build seconds"]), _milliseconds(row["seconds"]),
-             f"{row.get('compile seconds', 0):.2f}", f"{row['stored bytes'] / 1e3:.3g}",
-             *("" if e is None else f"{e:.4f}" for e in errors), f"{row['max']:.3g}",
-             f"{row['most negative']:.2g}", "" if predicted is None else f"{predicted:.4f}"]
-        )  # fmt: skip
+            [
+                name,
+                _milliseconds(row["build seconds"]),
+                _milliseconds(row["seconds"]),
+                f"{row.get('compile seconds', 0):.2f}",
+                f"{row['stored bytes'] / 1e3:.3g}",
+                *("" if e is None else f"{e:.4f}" for e in errors),
+                f"{row['max']:.3g}",
+                f"{row['most negative']:.2g}",
+                "" if predicted is None else f"{predicted:.4f}",
+            ]
+        )
     return table
 
 

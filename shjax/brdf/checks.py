@@ -23,7 +23,7 @@ _VIEWS = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 85.0)  # degrees from the normal
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """What :func:`check` found.
+    """Physical plausibility of a BRDF, as :func:`check` found it.
 
     Attributes:
         views: Angles of the view to the normal (to the tangent, for fibres), degrees.
@@ -40,7 +40,7 @@ class Check:
 
     @property
     def message(self) -> str:
-        """One line in words."""
+        """Summary in one line."""
         worst = float(np.max(self.albedo))
         gain = (
             "no view returns more than it receives"
@@ -55,7 +55,7 @@ class Check:
 
 
 def check(brdf: Brdf) -> Check:
-    """Albedo, reciprocity and negative fraction of a BRDF.
+    """Check a BRDF's energy conservation, reciprocity and negative values.
 
     Args:
         brdf: The reflectance; its parameters are concrete (this runs eagerly).

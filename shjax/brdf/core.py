@@ -5,28 +5,31 @@ cosine (or what its paper defines in that place), for one channel, from the dire
 light and view in the frame whose z is the normal (the tangent, for fibres). Isotropic
 models do not change when both directions are turned about z. Everything else (channels,
 sums, which centre a part is expanded about) is here, and no model knows it.
+
+References:
+    [T5] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 5.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array, check_vectors
+from shjax.arrays import STATIC, Array, check_vectors
+from shjax.sphere import frames
 
 Parameters = Mapping[str, jax.Array]
 
 
 class Local(NamedTuple):
-    """Components of directions in the local frame, arrays of one shape."""
+    """Components of directions in a surface's local frame, arrays of one shape."""
 
     x: jax.Array
     y: jax.Array
@@ -34,8 +37,8 @@ class Local(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Model:
-    """One reflectance model.
+class ReflectanceModel:
+    """Reflectance model: a transfer function and how it is expanded.
 
     Attributes:
         name: For messages and files.
@@ -57,35 +60,36 @@ class Model:
     prepare: Callable[[Parameters], Parameters] | None = None
 
 
-@functools.partial(
-    jax.tree_util.register_dataclass,
-    data_fields=("parameters", "weight"),
-    meta_fields=("model",),
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Part:
-    """A model, its parameters ``(..., C)`` (channel last) and a factor ``(C,)``."""
+    """Part of a BRDF: a model, its parameters ``(..., C)`` and a weight ``(C,)``."""
 
-    model: Model
+    model: ReflectanceModel = dataclasses.field(metadata=STATIC)
     parameters: dict[str, jax.Array]
     weight: jax.Array
 
 
-@functools.partial(
-    jax.tree_util.register_dataclass, data_fields=("parts",), meta_fields=()
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Brdf:
-    """A reflectance: the sum of its parts. Add two with ``+``, scale one with ``*``.
+    """Bidirectional reflectance distribution function (BRDF), the sum of its parts.
 
-    A pytree: parameters jit, batch (``jax.vmap``) and differentiate.
+    Add two with ``+``, scale one with ``*``. A pytree: parameters jit, batch (``jax.vmap``)
+    and differentiate.
     """
 
     parts: tuple[Part, ...]
+    in_place_of_array: ClassVar[str] = "pass shjax.brdf.expand(brdf, l_max=, p_max=)"
+
+    def __repr__(self) -> str:
+        """Its parts and channels, in one line."""
+        names = " + ".join(part.model.name for part in self.parts)
+        return f"Brdf: {names}, {self.channels} channel{'s' * (self.channels != 1)}"
 
     @property
     def channels(self) -> int:
-        """How many channels it has; one part's single channel serves all of another's."""
+        """Number of channels; one part's single channel serves all of another's."""
         return max(part.weight.shape[-1] for part in self.parts)
 
     def __add__(self, other: Brdf) -> Brdf:
@@ -121,12 +125,20 @@ class Brdf:
             scaled.append(Part(part.model, full, weight))
         return Brdf(tuple(scaled))
 
+    def __truediv__(self, divisor) -> Brdf:
+        """Divided by a number, or by one for each channel ``(C,)``."""
+        return self * (1 / jnp.asarray(divisor))
+
+    def __radd__(self, other) -> Brdf:
+        """The BRDF itself after 0, so that ``sum`` adds a list of them."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
+
     __rmul__ = __mul__
     __array_ufunc__ = None  # an array times a BRDF is a BRDF, not an array of them
 
 
-def make_brdf(model: Model, **parameters) -> Brdf:
-    """A BRDF of one part; parameters are arrays whose last axis is the channel.
+def make_brdf(model: ReflectanceModel, **parameters) -> Brdf:
+    """Make a BRDF of one part; parameters are arrays whose last axis is the channel.
 
     Raises:
         ValueError: If their numbers of channels do not fit each other, or a value is no
@@ -153,7 +165,7 @@ def make_brdf(model: Model, **parameters) -> Brdf:
 
 
 def _float_type(value):
-    """The type of a parameter: its own if a float, JAX's default for whole numbers."""
+    """The type of a parameter: its own if a float, JAX's default for integers."""
     given = value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype
     if jnp.issubdtype(given, jnp.floating) and hasattr(value, "dtype"):
         widened = jnp.float32 if jnp.finfo(given).bits < 32 else given
@@ -164,32 +176,8 @@ def _float_type(value):
     raise ValueError(f"a BRDF's parameters must be real numbers; got {given}.")
 
 
-def check_range(
-    name: str, value, low: float | int, high: float | int, *, open_low: bool = False
-) -> None:
-    """Refuse a concrete parameter outside its range.
-
-    Raises:
-        ValueError: Naming the parameter, the range and what came.
-    """
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
-        return
-    try:
-        values = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"{name} must be a number or numbers; got {value!r}."
-        ) from None
-    fine = (values > low if open_low else values >= low) & (values <= high)
-    if not np.all(fine):
-        left = "(" if open_low else "["
-        raise ValueError(
-            f"{name} must lie in {left}{low:g}, {high:g}]; got {values[~fine].flat[0]:g}."
-        )
-
-
 def prepared(brdf: Brdf) -> Brdf:
-    """The same with each model's tables in its parameters; done before loops."""
+    """Tabulate what each model needs, before any loop over directions."""
     parts = []
     for part in brdf.parts:
         prepare = part.model.prepare
@@ -201,13 +189,13 @@ def prepared(brdf: Brdf) -> Brdf:
 
 
 def select(brdf: Brdf, *centres: str) -> Brdf | None:
-    """The parts that are expanded about one of these centres; None if there are none."""
+    """Select the parts of a BRDF that are expanded about some centres; None without any."""
     parts = tuple(part for part in brdf.parts if part.model.centre in centres)
     return Brdf(parts) if parts else None
 
 
 def part_values(part: Part, light: Local, view: Local) -> jax.Array:
-    """Transfer function of a prepared part, channels in front: ``(C, ...)``."""
+    """Transfer function of one prepared part, channels in front: ``(C, ...)``."""
     dtype = light.z.dtype
     cast = {name: array.astype(dtype) for name, array in part.parameters.items()}
 
@@ -230,7 +218,7 @@ def part_values(part: Part, light: Local, view: Local) -> jax.Array:
 
 
 def transfer_local(brdf: Brdf, light: Local, view: Local) -> jax.Array:
-    """Sum over the parts of a prepared BRDF, channels in front: ``(C, ...)``.
+    """Transfer function of a prepared BRDF in local frames, ``(C, ...)``.
 
     The frame's z is the normal, or the tangent where all parts are about it.
     """
@@ -242,20 +230,6 @@ def transfer_local(brdf: Brdf, light: Local, view: Local) -> jax.Array:
         total = values if total is None else total + values
     assert total is not None  # a BRDF has at least one part
     return total
-
-
-def frames(normals: jax.Array) -> jax.Array:
-    """Right-handed frames whose last row is the normal, ``(..., 3, 3)``.
-
-    Smooth except across the equator's plane z = 0 [Duff et al. 2017, revised].
-    """
-    x, y, z = normals[..., 0], normals[..., 1], normals[..., 2]
-    sign = jnp.where(z < 0, -1, 1).astype(z.dtype)
-    a = -1 / (sign + z)
-    b = x * y * a
-    first = jnp.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    second = jnp.stack([b, sign + y * y * a, -y], axis=-1)
-    return jnp.stack([first, second, normals], axis=-2)
 
 
 def in_frame(frame: jax.Array, vectors: jax.Array) -> Local:
@@ -272,7 +246,7 @@ def transfer(
     views: Float[Array, "*batch 3"],
     tangents: Float[Array, "*batch 3"] | None = None,
 ) -> Float[jax.Array, "*batch C"]:
-    """BRDF times the clamped cosine, for given directions.
+    """Transfer function: BRDF times the clamped cosine, for given directions.
 
     Args:
         brdf: The reflectance.
@@ -308,7 +282,7 @@ def transfer(
 
 
 def by_frame(brdf: Brdf, normals, tangents):
-    """The parts in the normals' frame and those in the tangents', with their axes.
+    """Split a BRDF into its parts in the normals' frame and in the tangents' frame.
 
     Raises:
         ValueError: If there are parts about the tangent and no tangents.

@@ -1,4 +1,8 @@
-"""Files of measured reflectance: MERL's binary, Cornell's text, CUReT's tables."""
+"""Files of measured reflectance: MERL's binary, Cornell's text, CUReT's tables.
+
+References:
+    [M03] W. Matusik et al., A Data-Driven Reflectance Model, SIGGRAPH 2003: MERL.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.brdf.core import Brdf, make_brdf
-from shjax.brdf.measured import MERL, from_samples
+from shjax.brdf.measured import MERL
+from shjax.brdf.zernike import from_samples
 from shjax.sphere import spherical_directions
 
 _MERL_SCALE = np.array([1 / 1500, 1.15 / 1500, 1.66 / 1500])
@@ -17,7 +22,7 @@ _MERL_LIMIT = 2**24  # bins: ten times the format's 90 x 90 x 180
 
 
 def read_merl(path: str | os.PathLike) -> Brdf:
-    """A BRDF in MERL's format: three int32 sizes, then R, G, B as float64 [M03].
+    """Read a measured BRDF of the MERL database [M03].
 
     The stored angles are theta_h (by its square root), theta_d and phi_d; read
     trilinearly, times the cosine. Bins that were not measured hold -1 in the file; they
@@ -74,7 +79,7 @@ def _numbers(path: Path, rows: list[str], columns: int) -> np.ndarray:
 def read_cornell(
     path: str | os.PathLike, *, order: int = 8, ridge: float = 0.01
 ) -> tuple[Brdf, np.ndarray]:
-    """A BRDF in Cornell's text format, completed by :func:`from_samples`.
+    """Read measured reflectance in Cornell's text format, by :func:`from_samples`.
 
     Args:
         path: Text: a count of wavelengths, the wavelengths, then rows of theta_i, phi_i,
@@ -115,7 +120,7 @@ def read_curet(
     order: int = 8,
     ridge: float = 0.01,
 ) -> Brdf:
-    """One sample of the CUReT database, completed by :func:`from_samples`.
+    """Read one sample of the CUReT database, completed by :func:`from_samples`.
 
     Args:
         values: Its BRDF file, rows of a sample's number and 205 values; the three columns

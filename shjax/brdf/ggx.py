@@ -15,24 +15,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.brdf.core import (
-    Brdf,
-    Local,
-    Model,
-    Parameters,
-    Part,
-    check_range,
-    make_brdf,
-)
+from shjax.arrays import matmul, safe_sqrt
+from shjax.brdf.core import Brdf, Local, Parameters, Part, ReflectanceModel, make_brdf
+from shjax.brdf.flux import outgoing_flux
 from shjax.brdf.models import half_vector, lambertian
-from shjax.brdf.quadrature import outgoing_flux
+from shjax.brdf.ranges import check_range
 
 _TERMS = 16  # Chebyshev coefficients of the directional albedo
 _NODES = (64, 32)  # of its integral, in each piece of theta_i and in phi
 
 
 class Half(NamedTuple):
-    """``|h_xy|^2``, ``h_z`` and ``|h|^2`` of ``h = l + v``, not normalised."""
+    """Half vector ``h = l + v``, not normalised: ``|h_xy|^2``, ``h_z`` and ``|h|^2``."""
 
     across: jax.Array
     z: jax.Array
@@ -42,7 +36,7 @@ class Half(NamedTuple):
 def distribution_masking(
     alpha: jax.Array, light_z: jax.Array, view_z: jax.Array, half: Half
 ) -> jax.Array:
-    """``D G2 / (4 n.l n.v)`` with height-correlated masking [H14, Eq. 99]; n.l, n.v > 0."""
+    """GGX distribution and Smith masking, ``D G2 / (4 n.l n.v)`` [H14, Eq. 99]."""
     slope = alpha * alpha * half.z * half.z + half.across
     tiny = jnp.asarray(jnp.finfo(half.z.dtype).tiny, half.z.dtype)
     density = (alpha * half.squared / jnp.maximum(slope, tiny)) ** 2 / math.pi
@@ -55,10 +49,8 @@ def _masking(alpha: jax.Array, cosine: jax.Array) -> jax.Array:
 
 
 def schlick(half: Half) -> jax.Array:
-    """``(1 - v.h)^5``: Schlick's Fresnel term is ``f0 + (1 - f0)`` times it."""
-    nonzero = half.squared > 0
-    root = jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, half.squared, 1)), 0)
-    return jnp.maximum(1 - root / 2, 0) ** 5  # v.h is half of |l + v|
+    """Schlick's Fresnel factor ``(1 - v.h)^5``."""
+    return jnp.maximum(1 - safe_sqrt(half.squared) / 2, 0) ** 5  # 2 v.h = |l + v|
 
 
 def _single(parameters: Parameters, light: Local, view: Local) -> jax.Array:
@@ -73,27 +65,32 @@ def _single(parameters: Parameters, light: Local, view: Local) -> jax.Array:
 
 def _compensated(parameters: Parameters, light: Local, view: Local) -> jax.Array:
     albedo = albedo_at(parameters["albedo_terms"], parameters["alpha"], view.z)
-    lost = (1 - albedo) / albedo
-    return _single(parameters, light, view) * (1 + parameters["f0"] * lost)
+    gain = multiple_scattering(albedo, parameters["f0"])
+    return _single(parameters, light, view) * gain
+
+
+def multiple_scattering(white, f0):
+    """Multiple-scattering compensation ``1 + f0 (1 - E) / E`` [T19, Eq. 16]."""
+    return 1 + f0 * ((1 - white) / white)
 
 
 def _with_albedo(parameters: Parameters) -> Parameters:
     return {**parameters, "albedo_terms": albedo_terms(parameters["alpha"])}
 
 
-GGX = Model("ggx", _single)
-GGX_MULTISCATTER = Model(
+GGX = ReflectanceModel("ggx", _single)
+GGX_MULTISCATTER = ReflectanceModel(
     "ggx with multiple scattering", _compensated, prepare=_with_albedo
 )
 
 
 def ggx(alpha: Any, f0: Any = 1.0, multiscatter: bool = False) -> Brdf:
-    """GGX microfacets, height-correlated Smith masking, Schlick's Fresnel term.
+    """GGX microfacet BRDF with Smith masking and Schlick's Fresnel term.
 
     Args:
         alpha: Roughness in (0, 1], the slope scale itself (glTF's roughness squared); a
-            number or one a channel.
-        f0: Reflectance at normal incidence in [0, 1]; a number or one a channel.
+            number or one per channel.
+        f0: Reflectance at normal incidence in [0, 1]; a number or one per channel.
         multiscatter: Scale each view by ``1 + f0 (1 - E) / E`` with E the directional
             albedo of the same surface at f0 = 1 [T19, Eq. 16], so that a white metal
             returns what it receives. Not reciprocal at grazing views then. Static.
@@ -107,7 +104,7 @@ def ggx(alpha: Any, f0: Any = 1.0, multiscatter: bool = False) -> Brdf:
 
 
 def directional_albedo(alpha: jax.Array, cosine: jax.Array) -> jax.Array:
-    """Share of light that a white single-scatter surface returns, seen at these cosines.
+    """Directional albedo of a white single-scattering GGX surface at some n.v.
 
     Args:
         alpha: A number.
@@ -127,16 +124,13 @@ def albedo_terms(alpha: jax.Array) -> jax.Array:
     values = directional_albedo(alpha, alpha * s / (1 + alpha - s))
     to_terms = np.cos(k[:, None] * angle) * np.where(k == 0, 1, 2)[:, None] / _TERMS
     matrix = jnp.asarray(to_terms, alpha.dtype)
-    return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
+    return matmul(matrix, values)
 
 
 def albedo_at(terms: jax.Array, alpha: jax.Array, cosine: jax.Array) -> jax.Array:
-    """The expansion of :func:`albedo_terms` at cosines; the one at 0 for those below."""
-    above = cosine > 0
-    mu = jnp.where(above, cosine, 0)
-    stretched = mu * (1 + alpha) / (mu + alpha)
-    root = jnp.where(above, jnp.sqrt(jnp.where(above, stretched, 1)), 0)
-    x = 2 * root - 1
+    """Directional albedo at cosines, from :func:`albedo_terms`; below 0 that at 0."""
+    mu = jnp.where(cosine > 0, cosine, 0)
+    x = 2 * safe_sqrt(mu * (1 + alpha) / (mu + alpha)) - 1
     last, before = jnp.zeros_like(x), jnp.zeros_like(x)
     for k in range(_TERMS - 1, 0, -1):  # Clenshaw
         last, before = terms[k] + 2 * x * last - before, last
@@ -144,7 +138,7 @@ def albedo_at(terms: jax.Array, alpha: jax.Array, cosine: jax.Array) -> jax.Arra
 
 
 def metallic_roughness(albedo, roughness, metallic=0.0, f0=0.04) -> Brdf:
-    """GlTF's metallic-roughness model: a matte part and GGX, its lost energy given back.
+    """Metallic-roughness material of glTF: a diffuse part and multiple-scattering GGX.
 
     ``albedo (1 - metallic) / pi``, and GGX with ``alpha = roughness^2`` and reflectance
     ``f0 (1 - metallic) + albedo metallic`` at normal incidence [glTF 2.0, appendix B],
@@ -152,10 +146,10 @@ def metallic_roughness(albedo, roughness, metallic=0.0, f0=0.04) -> Brdf:
     taken from the lower one.
 
     Args:
-        albedo: Base colour in [0, 1]; a number or one a channel.
+        albedo: Base colour in [0, 1]; a number or one per channel.
         roughness: A number in (0, 1].
         metallic: A number in [0, 1].
-        f0: Reflectance of the dielectric in [0, 1]; a number or one a channel.
+        f0: Reflectance of the dielectric in [0, 1]; a number or one per channel.
 
     Raises:
         ValueError: If a parameter is outside its range.

@@ -3,7 +3,7 @@
 References:
     [KvD98] J. Koenderink, A. van Doorn, Phenomenological Description of Bidirectional
     Surface Reflection, JOSA A 15, 1998: reciprocal products of Zernike polynomials.
-    [M03] W. Matusik et al., A Data-Driven Reflectance Model, SIGGRAPH 2003: MERL's table.
+    [M03] W. Matusik et al., A Data-Driven Reflectance Model, SIGGRAPH 2003: MERL.
     [R98] S. Rusinkiewicz, A New Change of Variables for Efficient BRDF Representation.
 """
 
@@ -17,8 +17,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array, check_vectors
-from shjax.brdf.core import Brdf, Local, Model, Parameters, make_brdf
+from shjax.arrays import Array, safe_sqrt
+from shjax.brdf.core import Brdf, Local, Parameters, ReflectanceModel, make_brdf
 
 Grid = tuple[tuple[jax.Array, jax.Array], ...]
 
@@ -27,8 +27,7 @@ def _polar(direction: Local) -> jax.Array:
     """Angle to the normal; finite derivative at 0."""
     squared = direction.x**2 + direction.y**2
     nonzero = squared > 0
-    across = jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, squared, 1)), 0)
-    return jnp.arctan2(across, jnp.where(nonzero, direction.z, 1))
+    return jnp.arctan2(safe_sqrt(squared), jnp.where(nonzero, direction.z, 1))
 
 
 def _difference(light: Local, view: Local) -> jax.Array:
@@ -41,7 +40,7 @@ def _difference(light: Local, view: Local) -> jax.Array:
 
 
 def interpolate(table: jax.Array, places: tuple[jax.Array, ...]) -> jax.Array:
-    """Multilinear reading of a table at fractional indices, clamped to its edges."""
+    """Read a table multilinearly at fractional indices, clamped to its edges."""
     shape = places[0].shape
     corners: list[tuple[jax.Array, jax.Array]] = [
         (jnp.zeros(shape, jnp.int32), jnp.ones(shape, table.dtype))
@@ -83,7 +82,7 @@ def _table(parameters: Parameters, light: Local, view: Local) -> jax.Array:
     return interpolate(parameters["table"], places) * light.z
 
 
-TABLE = Model("table", _table)
+TABLE = ReflectanceModel("table", _table)
 
 
 def from_table(
@@ -93,7 +92,7 @@ def from_table(
     theta_o: Float[Array, " O"] | None = None,
     phi: Float[Array, " J"] | None = None,
 ) -> Brdf:
-    """A BRDF from values over the angles of light and view to the normal and between them.
+    """Tabulated BRDF over the angles of light and view to the normal and between them.
 
     Read multilinearly, held constant beyond the outermost nodes, times the cosine.
 
@@ -143,138 +142,6 @@ def _check_finite(name: str, values) -> None:
         raise ValueError(f"{name} must be finite; {bad} values are not.")
 
 
-def zernike_products(order: int) -> list[tuple[int, int, int]]:
-    """``(m, n, k)``, m <= n <= k <= order, n and k of m's parity [KvD98].
-
-    >>> len(zernike_products(8))
-    55
-    """
-    return [
-        (m, n, k)
-        for m in range(order + 1)
-        for n in range(m, order + 1, 2)
-        for k in range(n, order + 1, 2)
-    ]
-
-
-def _radial_polynomial(n: int, m: int) -> list[tuple[int, float]]:
-    """Powers and factors of Zernike's ``R_n^m``."""
-    terms = []
-    for k in range((n - m) // 2 + 1):
-        below = math.factorial(k) * math.factorial((n + m) // 2 - k)
-        below *= math.factorial((n - m) // 2 - k)
-        terms.append((n - 2 * k, (-1) ** k * math.factorial(n - k) / below))
-    return terms
-
-
-def _radial_values(direction: Local, order: int) -> dict[tuple[int, int], jax.Array]:
-    """``R_n^m(r) / r^m``, r = sqrt2 sin(theta / 2), as polynomials in ``r^2 = 1 - cos``."""
-    squared = 1 - direction.z
-    return {
-        (n, m): sum(
-            (factor * squared ** ((power - m) // 2) for power, factor in terms),
-            start=jnp.zeros_like(squared),
-        )
-        for m in range(order + 1)
-        for n in range(m, order + 1, 2)
-        for terms in [_radial_polynomial(n, m)]
-    }
-
-
-def _product_values(light: Local, view: Local, order: int):
-    """Yield the value of each reciprocal product at pairs of directions.
-
-    ``r_i^m r_o^m cos(m dphi)`` is the real part of a power of
-    ``(l_x + i l_y)(v_x - i v_y) / sqrt((1 + l_z)(1 + v_z))``: no angle is needed.
-    """
-    scale = 1 / jnp.sqrt((1 + light.z) * (1 + view.z))
-    cosine = (light.x * view.x + light.y * view.y) * scale
-    sine = (light.y * view.x - light.x * view.y) * scale
-    waves = [(jnp.ones_like(cosine), jnp.zeros_like(cosine))]
-    for _ in range(order):
-        c, s = waves[-1]
-        waves.append((c * cosine - s * sine, c * sine + s * cosine))
-    here, there = (_radial_values(d, order) for d in (light, view))
-    for m, n, k in zernike_products(order):
-        both = here[n, m] * there[k, m] + here[k, m] * there[n, m]
-        yield both * waves[m][0]
-
-
-def _zernike(parameters: Parameters, light: Local, view: Local) -> jax.Array:
-    coefs = parameters["coefs"]
-    order = next(n for n in range(40) if len(zernike_products(n)) == coefs.shape[0])
-    above = (light.z > 0) & (view.z > 0)  # the products are defined on the hemisphere
-    here, there = (Local(d.x, d.y, jnp.where(above, d.z, 1)) for d in (light, view))
-    total = jnp.zeros_like(light.z + view.z)
-    for coef, value in zip(coefs, _product_values(here, there, order), strict=True):
-        total = total + coef * value
-    return jnp.where(above, jnp.maximum(total, 0), 0) * light.z
-
-
-ZERNIKE = Model("zernike", _zernike)
-
-
-def from_samples(
-    lights: Float[Array, "N 3"],
-    views: Float[Array, "N 3"],
-    values: Float[Array, "N C"],
-    *,
-    order: int = 8,
-    ridge: float = 0.01,
-) -> Brdf:
-    """A BRDF completed from scattered measurements by reciprocal Zernike products [KvD98].
-
-    Least squares with a ridge, clamped at 0, times the cosine. The ridge weighs the
-    coefficients of the products of Zernike's ``R_n^m``, whose values are of order 1, and
-    so damps the high orders most. Differentiable in ``values``.
-
-    Args:
-        lights: Unit vectors to the light in the surface's frame, z the normal.
-        views: Unit vectors to the viewer.
-        values: Measured BRDF, sr^-1.
-        order: Highest order of the polynomials; 8 gives 55 products. Static.
-        ridge: Weight of the squared coefficients beside that of one squared residual.
-
-    Raises:
-        ValueError: If the shapes do not fit, values are not finite, a direction is below
-            the surface, or ``order`` or ``ridge`` is out of range.
-    """
-    for name, vectors in (("lights", lights), ("views", views)):
-        check_vectors(name, vectors)
-        if (
-            vectors.ndim != 2
-            or values.shape[:1] != vectors.shape[:1]
-            or values.ndim != 2
-        ):
-            raise ValueError(
-                "lights, views and values must have shapes (N, 3), (N, 3) and (N, C); got "
-                f"{lights.shape}, {views.shape}, {values.shape}."
-            )
-        if not isinstance(vectors, Tracer) and np.any(
-            np.asarray(vectors)[:, 2] < -1e-6
-        ):
-            raise ValueError(f"{name} must be above the surface, z >= 0.")
-    if not 0 <= order <= 16:
-        raise ValueError(f"order must lie in 0..16; got {order}.")
-    if not ridge >= 0:
-        raise ValueError(f"ridge must be >= 0; got {ridge}.")
-    _check_finite("values", values)
-    values = jnp.asarray(values)
-    dtype = jnp.result_type(float)
-    light, view = (
-        Local(*jnp.moveaxis(jnp.asarray(v, dtype), -1, 0)) for v in (lights, views)
-    )
-    design = jnp.stack(list(_product_values(light, view, order)), axis=-1)
-    count = design.shape[-1]
-    gram = jnp.matmul(design.T, design, precision=jax.lax.Precision.HIGHEST)
-    gram = gram + ridge * jnp.eye(count, dtype=dtype)
-    right = jnp.matmul(
-        design.T, values.astype(dtype), precision=jax.lax.Precision.HIGHEST
-    )
-    coefs = jnp.linalg.solve(gram, right)
-    return make_brdf(ZERNIKE, coefs=coefs)
-
-
 def _half_difference(light: Local, view: Local):
     """theta_h, theta_d and phi_d in [0, pi] [R98]."""
     x, y, z = light.x + view.x, light.y + view.y, light.z + view.z
@@ -307,4 +174,4 @@ def _merl(parameters: Parameters, light: Local, view: Local) -> jax.Array:
     return jnp.where(above, value * light.z, 0)
 
 
-MERL = Model("merl", _merl)
+MERL = ReflectanceModel("merl", _merl)

@@ -10,6 +10,8 @@ References:
     [LW94] E. Lafortune, Y. Willems, Using the Modified Phong Reflectance Model for
     Physically Based Rendering, 1994.
     [L97] E. Lafortune et al., Non-Linear Approximation of Reflectance Functions, 1997.
+    [EK17] A. Estevez, C. Kulla, Production Friendly Microfacet Sheen BRDF, SIGGRAPH 2017
+    course: Physically Based Shading in Theory and Practice.
     [KK89] J. Kajiya, T. Kay, Rendering Fur with Three Dimensional Textures, 1989.
 """
 
@@ -21,18 +23,19 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from shjax.brdf.core import Brdf, Local, Model, Parameters, check_range, make_brdf
+from shjax.brdf.core import Brdf, Local, Parameters, ReflectanceModel, make_brdf
+from shjax.brdf.ranges import check_range
 from shjax.irradiance import cosine_kernel_table
 
 
 def power(base: jax.Array, exponent: jax.Array) -> jax.Array:
-    """``base^exponent`` for base > 0, and 0 below, with finite derivatives in both."""
+    """Power ``base^exponent``, 0 for base <= 0, with finite derivatives in both."""
     positive = base > 0
     return jnp.where(positive, jnp.where(positive, base, 1) ** exponent, 0)
 
 
 def lobe_power(light: Local, view: Local, exponent: jax.Array) -> jax.Array:
-    """``(R.l)^s``, 0 where R.l <= 0; R.l by way of ``|l - R|^2``."""
+    """Cosine lobe ``(R.l)^s``, 0 where R.l <= 0; R.l by way of ``|l - R|^2``."""
     x, y, z = light.x + view.x, light.y + view.y, light.z - view.z
     fall = (x * x + y * y + z * z) / 2  # 1 - R.l
     positive = fall < 1
@@ -50,14 +53,16 @@ def _lambertian_gains(parameters: Parameters, l_max: int) -> jax.Array:
     return albedo / math.pi * jnp.asarray(cosine_kernel_table(l_max), albedo.dtype)
 
 
-LAMBERTIAN = Model("lambertian", _lambertian, "normal", radial=_lambertian_gains)
+LAMBERTIAN = ReflectanceModel(
+    "lambertian", _lambertian, "normal", radial=_lambertian_gains
+)
 
 
 def lambertian(albedo: Any = 1.0) -> Brdf:
-    """A matte surface: ``albedo / pi`` times the cosine, radial about the normal.
+    """Lambertian (diffuse) BRDF: ``albedo / pi`` times the cosine.
 
     Args:
-        albedo: A number or one a channel, ``(C,)``, in [0, 1].
+        albedo: A number or one per channel, ``(C,)``, in [0, 1].
 
     Raises:
         ValueError: If the albedo is outside [0, 1].
@@ -72,7 +77,7 @@ def _phong(parameters: Parameters, light: Local, view: Local) -> jax.Array:
 
 
 def phong_gains(exponent: jax.Array, l_max: int) -> jax.Array:
-    """``a_l`` of (s + 1) / 2 pi cos^s: 1, (s + 1) / (s + 2), then by steps of two.
+    """Convolution gains ``a_l`` of a normalised Phong lobe of exponent s.
 
     ``a_l = a_(l-2) (s - l + 2) / (s + l + 1)``; exact for every real s >= 0.
     """
@@ -93,18 +98,18 @@ def _phong_gains(parameters: Parameters, l_max: int) -> jax.Array:
     return phong_gains(parameters["exponent"], l_max)
 
 
-PHONG = Model("phong", _phong, horizon=False, radial=_phong_gains)
-PHONG_HORIZON = Model("phong with horizon", _phong)
+PHONG = ReflectanceModel("phong", _phong, horizon=False, radial=_phong_gains)
+PHONG_HORIZON = ReflectanceModel("phong with horizon", _phong)
 
 
 def phong(exponent, horizon: bool = False) -> Brdf:
-    """The thesis's Phong lobe, ``(s + 1) / 2 pi (R.l)^s`` [T5, Eq. 5.26].
+    """Phong lobe of the thesis, ``(s + 1) / 2 pi (R.l)^s`` [T5, Eq. 5.26].
 
     It is a transfer function, without a cosine; without ``horizon`` it reaches below the
     surface, and is radial about R.
 
     Args:
-        exponent: s >= 0, real; a number or one a channel.
+        exponent: s >= 0, real; a number or one per channel.
         horizon: Whether it ends at the horizon. Static.
 
     Raises:
@@ -119,14 +124,14 @@ def _phong_cosine(parameters: Parameters, light: Local, view: Local) -> jax.Arra
     return (s + 2) / (2 * math.pi) * lobe_power(light, view, s) * light.z
 
 
-PHONG_COSINE = Model("phong with cosine", _phong_cosine)
+PHONG_COSINE = ReflectanceModel("phong with cosine", _phong_cosine)
 
 
 def phong_cosine(exponent) -> Brdf:
-    """The modified Phong BRDF ``(s + 2) / 2 pi (R.l)^s``, times the cosine [LW94, Eq. 5].
+    """Modified Phong BRDF ``(s + 2) / 2 pi (R.l)^s``, times the cosine [LW94, Eq. 5].
 
     Args:
-        exponent: s >= 0, real; a number or one a channel.
+        exponent: s >= 0, real; a number or one per channel.
 
     Raises:
         ValueError: If the exponent is negative or not finite.
@@ -136,14 +141,14 @@ def phong_cosine(exponent) -> Brdf:
 
 
 def half_vector(light: Local, view: Local) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """``|h_xy|^2``, ``h_z`` and ``|h|^2`` of ``h = l + v``, not normalised."""
+    """Half vector ``h = l + v``, not normalised: ``|h_xy|^2``, ``h_z`` and ``|h|^2``."""
     x, y, z = light.x + view.x, light.y + view.y, light.z + view.z
     across = x * x + y * y
     return across, z, across + z * z
 
 
 def squared_angle(across: jax.Array, z: jax.Array) -> jax.Array:
-    """``theta^2`` of a vector with ``|v_xy|^2`` and ``v_z > 0``, smooth at theta = 0."""
+    """Squared polar angle of a vector with ``v_z > 0``, smooth at 0."""
     above = z > 0
     t = across / jnp.where(above, z, 1) ** 2
     small = t < 1e-3
@@ -165,16 +170,16 @@ def _gaussian_microfacet(parameters: Parameters, light: Local, view: Local):
     return jnp.where(above, value, 0)
 
 
-GAUSSIAN_MICROFACET = Model("gaussian microfacet", _gaussian_microfacet)
+GAUSSIAN_MICROFACET = ReflectanceModel("gaussian microfacet", _gaussian_microfacet)
 
 
 def gaussian_microfacet(sigma) -> Brdf:
-    """``exp(-(theta_h / sigma)^2) / (4 pi sigma^2)``, ending at the horizon [T5, Eq. 5.34].
+    """Gaussian microfacet lobe, simplified Torrance-Sparrow [T5, Eq. 5.34].
 
     The thesis's simplified Torrance-Sparrow transfer function: no cosine, no masking.
 
     Args:
-        sigma: Roughness > 0, radians; a number or one a channel.
+        sigma: Roughness > 0, radians; a number or one per channel.
 
     Raises:
         ValueError: If sigma is not positive.
@@ -192,25 +197,27 @@ def _lafortune(parameters: Parameters, light: Local, view: Local) -> jax.Array:
     return total * light.z
 
 
-LAFORTUNE = Model("lafortune", _lafortune)
+LAFORTUNE = ReflectanceModel("lafortune", _lafortune)
 
 
 def lafortune(cxy, cz, exponent, diffuse: Any = 0.0) -> Brdf:
-    """Generalised cosine lobes and a diffuse part, times the cosine [L97, Eq. 9].
+    """Lafortune's generalised cosine lobes and a diffuse part [L97, Eq. 9].
 
     ``diffuse / pi + sum_j max(cxy_j (l_x v_x + l_y v_y) + cz_j l_z v_z, 0)^n_j``.
 
     Args:
-        cxy: One a lobe, ``(J,)``, or a lobe and channel, ``(J, C)``; negative: forwards.
+        cxy: A number, one per lobe, ``(J,)``, or per lobe and channel, ``(J, C)``;
+            negative: forwards.
         cz: The same.
         exponent: The same; n >= 0.
-        diffuse: Albedo of the Lambertian part; a number or one a channel.
+        diffuse: Albedo of the Lambertian part; a number or one per channel.
 
     Raises:
         ValueError: If the shapes do not fit each other or an exponent is negative.
     """
     check_range("exponent", exponent, 0, 1e6)
     lobes = [jnp.asarray(a, jnp.result_type(float)) for a in (cxy, cz, exponent)]
+    lobes = [jnp.atleast_1d(a) for a in lobes]
     lobes = [a[:, None] if a.ndim == 1 else a for a in lobes]
     shapes = [a.shape for a in lobes]
     if any(len(s) != 2 or s[0] != shapes[0][0] or s[0] == 0 for s in shapes):
@@ -223,34 +230,3 @@ def lafortune(cxy, cz, exponent, diffuse: Any = 0.0) -> Brdf:
     if isinstance(diffuse, float) and diffuse == 0:
         return lobe
     return lambertian(diffuse) + lobe
-
-
-def _kajiya_kay(parameters: Parameters, light: Local, view: Local) -> jax.Array:
-    # cos(ti - to): about the tangent, sin ti is the part across it.
-    return power(
-        light.z * view.z + _across(light) * _across(view), parameters["exponent"]
-    )
-
-
-def _across(direction: Local) -> jax.Array:
-    squared = direction.x * direction.x + direction.y * direction.y
-    nonzero = squared > 0
-    return jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, squared, 1)), 0)
-
-
-KAJIYA_KAY = Model("kajiya-kay", _kajiya_kay, "tangent", horizon=False)
-
-
-def kajiya_kay(exponent) -> Brdf:
-    """Fibres: ``cos^s(theta_i - theta_o)`` about the tangent [KK89; T5, section 5.3.1].
-
-    Where the cosine is positive; zero elsewhere. A transfer function without horizon.
-
-    Args:
-        exponent: s >= 0, real; a number or one a channel.
-
-    Raises:
-        ValueError: If the exponent is negative or not finite.
-    """
-    check_range("exponent", exponent, 0, 1e7)
-    return make_brdf(KAJIYA_KAY, exponent=exponent)

@@ -3,48 +3,19 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
 
 import numpy as np
 
+from shjax.brdf.catalogue import BRDFS
 from shjax.brdf.core import Brdf
-from shjax.brdf.files import read_cornell, read_curet, read_merl
-from shjax.brdf.ggx import ggx, metallic_roughness
-from shjax.brdf.models import (
-    gaussian_microfacet,
-    kajiya_kay,
-    lafortune,
-    lambertian,
-    phong,
-    phong_cosine,
-)
-
-
-def _cornell(path: str) -> Brdf:
-    return read_cornell(path)[0]
-
-
-MODELS: dict[str, Callable[..., Brdf]] = {
-    "lambertian": lambertian,
-    "phong": phong,
-    "phong_cosine": phong_cosine,
-    "gaussian_microfacet": gaussian_microfacet,
-    "ggx": ggx,
-    "metallic_roughness": metallic_roughness,
-    "lafortune": lafortune,
-    "kajiya_kay": kajiya_kay,
-    "merl": read_merl,
-    "cornell": _cornell,
-    "curet": read_curet,
-}
 
 
 def parse(text: str) -> Brdf:
-    """Make a BRDF from a description.
+    """Parse a BRDF from a description in words.
 
     Terms are joined by ``+``; each is an optional factor and ``*``, a model's name, and
     its parameters as ``name=value``. A value is a number, numbers joined by commas (one a
-    channel, or one a lobe for lafortune), ``true``, ``false``, or a path.
+    channel, or one per lobe for lafortune), ``true``, ``false``, or a path.
 
     Args:
         text: Like ``"ggx alpha=0.2 f0=0.04"`` or
@@ -69,9 +40,9 @@ def _term(term: str) -> Brdf:
     factor, star, rest = term.partition("*")
     words = (rest if star else term).split()
     name = words[0].lower() if words else ""
-    if name not in MODELS:
-        raise ValueError(f"brdf must be one of {', '.join(MODELS)}; got {term!r}.")
-    make = MODELS[name]
+    if name not in BRDFS:
+        raise ValueError(f"brdf must be one of {', '.join(BRDFS)}; got {term!r}.")
+    make = BRDFS[name].make
     known = inspect.signature(make).parameters
     given = {}
     for word in words[1:]:

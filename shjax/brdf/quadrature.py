@@ -25,28 +25,34 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.brdf.core import Brdf, Local, prepared, select, transfer_local
+from shjax.arrays import einsum
+from shjax.brdf.core import (
+    Brdf,
+    Local,
+    prepared,
+    select,
+    transfer_local,
+)
+from shjax.brdf.ranges import check_brdf
 from shjax.harmonics import legendre
 from shjax.harmonics.tables import cached
-
-einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
 
 
 @dataclasses.dataclass(frozen=True)
 class Resolution:
-    """Nodes in each smooth piece of theta_i, in phi, and in theta_o."""
+    """Quadrature nodes in each smooth piece of theta_i, in phi, and in theta_o."""
 
     light: int
     phi: int
     view: int
 
     def doubled(self) -> Resolution:
-        """Twice as many of each."""
+        """Double the nodes of each angle."""
         return Resolution(2 * self.light, 2 * self.phi, 2 * self.view)
 
 
 def first_resolution(l_max: int, p_max: int) -> Resolution:
-    """Enough for the harmonics themselves and a moderately narrow lobe.
+    """Nodes for the harmonics themselves and a moderately narrow lobe.
 
     A harmonic of degree l has l / 4 waves in a piece of theta_i, and through the angle of
     n and R as many in theta_o.
@@ -55,7 +61,7 @@ def first_resolution(l_max: int, p_max: int) -> Resolution:
 
 
 class Moments(NamedTuple):
-    """Integrals over the light for each view.
+    """Moments of a BRDF: its integrals over the light for each view.
 
     Attributes:
         values: ``G_lq(theta_o)``, ``(O, L, Q, C)``.
@@ -79,12 +85,12 @@ def view_nodes(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def kind_of(brdf: Brdf) -> str:
-    """Which kinks a BRDF has: ``"horizon"``, ``"none"`` (no horizon), ``"tangent"``.
+    """Discontinuities of a BRDF: ``"horizon"``, ``"none"`` or ``"tangent"``.
 
     Raises:
         ValueError: If parts about the tangent are mixed with others.
     """
-    about_tangent = select(brdf, "tangent")
+    about_tangent = select(check_brdf("brdf", brdf), "tangent")
     if about_tangent is not None:
         if len(about_tangent.parts) < len(brdf.parts):
             raise ValueError(
@@ -98,12 +104,12 @@ def kind_of(brdf: Brdf) -> str:
 def light_nodes(
     theta_o: tuple[float, ...], kind: str, n: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """:func:`nodes_for` views that are known, as tables."""
+    """Quadrature nodes over the light for views that are known, as tables."""
     return nodes_for(np.array(theta_o), kind, n, np)
 
 
 def nodes_for(theta_o, kind: str, n: int, xp=jnp):
-    """Nodes in theta_i for each view, and where the horizon cuts their circles.
+    """Quadrature nodes in theta_i for each view, and where the horizon cuts their circles.
 
     Args:
         theta_o: Polar angles of the views about the centre, ``(O,)``.
@@ -154,7 +160,7 @@ def nodes_for(theta_o, kind: str, n: int, xp=jnp):
     return theta, weight, xp.where(cut, end, xp.where(ratio < 0, np.pi, 0))
 
 
-def _azimuths(end: jax.Array, kind: str, n: int) -> tuple[jax.Array, jax.Array]:
+def azimuths_of(end: jax.Array, kind: str, n: int) -> tuple[jax.Array, jax.Array]:
     """Nodes in [0, pi] and their weights for the whole circle, ``(N, J)``.
 
     Up to the horizon; without one also beyond it, where a lobe has its own kink.
@@ -179,7 +185,7 @@ def _azimuths(end: jax.Array, kind: str, n: int) -> tuple[jax.Array, jax.Array]:
 def moments(
     brdf: Brdf, resolution: Resolution, l_max: int, q_max: int, dtype
 ) -> Moments:
-    """:class:`Moments` at the views of :func:`view_nodes`.
+    """Moments of a BRDF at the views of :func:`view_nodes`.
 
     The caller jits; nothing of size (views x lights) is held at once.
     """
@@ -195,7 +201,7 @@ def moments_at(
     q_max: int,
     dtype,
 ) -> Moments:
-    """:class:`Moments` at views of one's own, polar angles about the centre."""
+    """Moments of a BRDF at given polar angles of the view about its centre."""
     kind, ready = kind_of(brdf), prepared(brdf)
     theta, weight, end = light_nodes(theta_o, kind, resolution.light)
     views = theta.shape[0]
@@ -214,12 +220,12 @@ def moments_at(
     @jax.checkpoint
     def one_view(inputs):
         (to, ti, w, last), some_seeds, some_heights = inputs
-        azimuth, around = _azimuths(last, kind, resolution.phi)
-        rho = _transfer_at(ready, kind, to, ti, azimuth)  # [c, n, j]
-        flux = jnp.sum(_weigh(rho, w, around), axis=(1, 2))
-        power = jnp.sum(_weigh(rho * rho, w, around), axis=(1, 2))
-        negative = jnp.sum(_weigh(jnp.maximum(-rho, 0), w, around), axis=(1, 2))
-        waves = _azimuth_moments(_weigh(rho, w, around), azimuth, q_max)  # [q, c, n]
+        azimuth, around = azimuths_of(last, kind, resolution.phi)
+        rho = transfer_at(ready, kind, to, ti, azimuth)  # [c, n, j]
+        flux = jnp.sum(weigh(rho, w, around), axis=(1, 2))
+        power = jnp.sum(weigh(rho * rho, w, around), axis=(1, 2))
+        negative = jnp.sum(weigh(jnp.maximum(-rho, 0), w, around), axis=(1, 2))
+        waves = _azimuth_moments(weigh(rho, w, around), azimuth, q_max)  # [q, c, n]
 
         def degree(state, step):
             state, values = legendre.next_degree(state, step, some_heights, some_seeds)
@@ -232,7 +238,8 @@ def moments_at(
     return jax.lax.map(one_view, inputs)
 
 
-def _weigh(rho: jax.Array, weight: jax.Array, share: jax.Array) -> jax.Array:
+def weigh(rho: jax.Array, weight: jax.Array, share: jax.Array) -> jax.Array:
+    """Weight values by their nodes and by the share of each circle above the horizon."""
     both = jnp.broadcast_to(weight[:, None], share.shape) * share
     return rho * jnp.broadcast_to(both[None], rho.shape)
 
@@ -250,7 +257,7 @@ def _azimuth_moments(rho: jax.Array, phi: jax.Array, q_max: int) -> jax.Array:
     return jax.lax.scan(order, start, None, length=q_max + 1)[1]
 
 
-def _transfer_at(brdf: Brdf, kind: str, to, ti, phi) -> jax.Array:
+def transfer_at(brdf: Brdf, kind: str, to, ti, phi) -> jax.Array:
     """Values at lights ``(n, j)`` of the centre's frame for one view, ``(C, n, j)``."""
     ti = jnp.broadcast_to(ti[:, None], phi.shape)
     x, y, z = jnp.sin(ti) * jnp.cos(phi), jnp.sin(ti) * jnp.sin(phi), jnp.cos(ti)
@@ -268,55 +275,20 @@ def _spread(direction: Local, shape: tuple[int, ...]) -> Local:
     return Local(*(jnp.broadcast_to(part, shape) for part in direction))
 
 
-def lobe_angle(brdf: Brdf, share: float) -> float:
-    """Angle about the centre within which this share of the outgoing flux lies, radians.
-
-    The transfer function itself is summed, not its square [T5, Eq. 5.30], over all views.
-    """
-    kind, dtype = kind_of(brdf), brdf.parts[0].weight.dtype
-    theta_o, solid = view_nodes(24)
-    theta, weight, end = light_nodes(tuple(theta_o.tolist()), kind, 64)
-    arrays = (jnp.asarray(a, dtype) for a in (theta_o, theta, end))
-    energy = np.asarray(_flux_by_angle(brdf, kind, *arrays)) * weight * solid[:, None]
-    rising = np.argsort(theta, axis=None)
-    total = np.cumsum(energy.ravel()[rising])
-    place = int(np.searchsorted(total, share * total[-1]))
-    return float(theta.ravel()[rising][min(place, theta.size - 1)])
-
-
 @functools.partial(jax.jit, static_argnames=("kind",))
-def _flux_by_angle(brdf: Brdf, kind: str, theta_o, theta, end) -> jax.Array:
+def flux_by_angle(brdf: Brdf, kind: str, theta_o, theta, end) -> jax.Array:
     """Magnitude of the flux at each ``theta_i``, all channels and azimuths: ``(O, N)``."""
     ready = prepared(brdf)
 
     def one_view(view):
         to, ti, last = view
-        phi, share = _azimuths(last, kind, 32)
-        rho = jnp.sum(jnp.abs(_transfer_at(ready, kind, to, ti, phi)), axis=0)
+        phi, share = azimuths_of(last, kind, 32)
+        rho = jnp.sum(jnp.abs(transfer_at(ready, kind, to, ti, phi)), axis=0)
         return jnp.sum(rho * share, axis=-1)
 
     return jax.lax.map(one_view, (theta_o, theta, end))
 
 
-def outgoing_flux(
-    brdf: Brdf, theta_o: jax.Array, n_light: int, n_phi: int
-) -> jax.Array:
-    """``int rho dw`` at views that are data, ``(O, C)``; differentiable in all.
-
-    Args:
-        brdf: Prepared.
-        theta_o: Polar angles of the views about the centre, ``(O,)``.
-        n_light: Nodes in each piece of theta_i. Static.
-        n_phi: Nodes in phi. Static.
-    """
-    kind = kind_of(brdf)
-    theta, weight, end = nodes_for(theta_o, kind, n_light)
-
-    def one_view(view):
-        to, ti, w, last = view
-        phi, share = _azimuths(last, kind, n_phi)
-        return jnp.sum(
-            _weigh(_transfer_at(brdf, kind, to, ti, phi), w, share), axis=(1, 2)
-        )
-
-    return jax.vmap(one_view)((theta_o, theta, weight, end))
+def order_counts(p_max: int) -> np.ndarray:
+    """Number of orders q of each ``|q|``: 1, 2, 2, ..., ``(p_max + 1,)``."""
+    return np.where(np.arange(p_max + 1) == 0, 1, 2)

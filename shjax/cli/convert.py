@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import click
@@ -10,66 +11,98 @@ import numpy as np
 import shjax
 from shjax import io
 from shjax.cli.options import (
+    Output,
+    Reading,
     axes_option,
-    invalid_option,
-    layout_option,
     light_of,
-    primaries_option,
+    number,
+    output_options,
+    packed,
     quadrature_note,
+    reading_options,
     rotate_option,
     window_option,
 )
 from shjax.conventions import CONVENTIONS
 from shjax.harmonics.degrees import degree_of_coefs
-from shjax.io.coefs import FORMATS
-from shjax.io.writing import json_text
+from shjax.io.coefs import FORMATS, OTHER_NAMES
 from shjax.windows import apply_window
 
 SCHEMA = "shjax.convert/1"
 
 
+class FormatName(click.Choice):
+    """Name of a format, as this command or as the tool itself spells it."""
+
+    def convert(self, value, param, ctx):
+        """The format's own name."""
+        return super().convert(OTHER_NAMES.get(value.lower(), value), param, ctx)
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """What is written."""
+
+    format: str
+    convention: str
+    l_max: int | None
+    axes: np.ndarray | None
+    rotate: np.ndarray | None
+    window: str
+    no_mirror: bool
+
+
+settings_options = packed(
+    "settings",
+    Settings,
+    click.option(
+        "--to",
+        "format",
+        required=True,
+        type=FormatName(list(FORMATS)),
+        help="What to write.",
+    ),
+    click.option(
+        "--convention",
+        default="shjax",
+        show_default=True,
+        type=click.Choice(list(CONVENTIONS), case_sensitive=False),
+        help="Axes, sign and scale of a json, csv or c file.",
+    ),
+    number(
+        "--l-max",
+        None,
+        click.IntRange(min=0),
+        "Highest degree to write.",
+        show_default="2, or SOURCE's own",
+    ),
+    axes_option,
+    rotate_option,
+    window_option,
+    click.option(
+        "--no-mirror",
+        is_flag=True,
+        help="SOURCE is an sh.txt made with cmgen --no-mirror.",
+    ),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class ConvertResult:
+    """Coefficients ``(K, C)`` to be written, and what there is to say of them."""
+
+    coefs: np.ndarray
+    notes: list[str]
+
+
 @click.command(short_help="Coefficients in another tool's format.")
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option(
-    "--to", "format", required=True, type=click.Choice(list(FORMATS)),
-    help="What to write.",
-)  # fmt: skip
-@click.option(
-    "--convention", default="shjax", show_default=True,
-    type=click.Choice(list(CONVENTIONS), case_sensitive=False),
-    help="Axes, sign and scale of a json, csv or c file.",
-)  # fmt: skip
-@click.option(
-    "--l-max", type=click.IntRange(min=0), show_default="2, or SOURCE's own",
-    help="Highest degree to write.",
-)  # fmt: skip
-@layout_option
-@invalid_option
-@primaries_option
-@axes_option
-@rotate_option
-@window_option
-@click.option(
-    "--no-mirror", is_flag=True, help="SOURCE is an sh.txt made with cmgen --no-mirror."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@settings_options
+@reading_options
+@output_options
 def convert(
-    source: Path,
-    target: Path,
-    format: str,
-    convention: str,
-    l_max: int | None,
-    layout: str,
-    invalid: str,
-    primaries: str,
-    axes: np.ndarray | None,
-    rotate: np.ndarray | None,
-    window: str,
-    no_mirror: bool,
-    as_json: bool,
-    quiet: bool,
+    source: Path, target: Path, settings: Settings, reading: Reading, output: Output
 ) -> int:
     """Write the lighting of SOURCE into TARGET as another tool stores it.
 
@@ -90,36 +123,48 @@ def convert(
     """
     if target.exists() and source.exists() and target.samefile(source):
         raise click.UsageError("TARGET is SOURCE; it would be overwritten.")
+    own = settings.convention.lower() == "shjax"
     if (
-        axes is not None
-        and convention.lower() == "shjax"
-        and FORMATS[format].convention is None
+        settings.axes is not None
+        and own
+        and FORMATS[settings.format].convention is None
     ):
         raise click.UsageError("--axes are a tool's: --convention must name it.")
-    found = None if source.is_dir() else io.read_coefs(source, no_mirror=no_mirror)
+    found = run(source, settings, reading)
+    io.write_coefs(
+        target,
+        found.coefs,
+        format=settings.format,
+        convention=settings.convention,
+        axes=settings.axes,
+    )
+    result = {"schema": SCHEMA, "source": str(source), "target": str(target)}
+    result |= {"format": settings.format, "l_max": degree_of_coefs(found.coefs)}
+    if not output.print_json({**result, "notes": found.notes}):
+        print(*found.notes, sep="\n", end="\n" if found.notes else "")
+        print(f"{target}: {found.coefs.shape[0]} coefficients, {settings.format}")
+    return 0
+
+
+def run(source: Path, settings: Settings, reading: Reading) -> ConvertResult:
+    """Read coefficients, or project a map on them, and window them."""
+    found = None
+    if not source.is_dir():
+        found = io.read_coefs(source, no_mirror=settings.no_mirror)
+    notes = []
     if found is None:
-        if no_mirror:
+        if settings.no_mirror:
             raise click.UsageError("--no-mirror belongs to an sh.txt; SOURCE is a map.")
-        envmap = io.read_envmap(
-            source, layout=layout, invalid=invalid, primaries=primaries, isolate=True
-        )
-        degree = 2 if l_max is None else l_max
-        coefs, quadrature = light_of(envmap, degree, rotate)
+        envmap = reading.read(source)
+        degree = 2 if settings.l_max is None else settings.l_max
+        coefs, quadrature = light_of(envmap, degree, settings.rotate)
         notes = [str(envmap.report), quadrature_note(quadrature, degree)]
     else:
-        coefs, notes = _cut(source, found, l_max), []
-        coefs = coefs if rotate is None else shjax.rotate(coefs, rotate)
-    coefs = np.asarray(apply_window(coefs, window))
-    io.write_coefs(target, coefs, format=format, convention=convention, axes=axes)
-    if as_json and not quiet:
-        written = {"schema": SCHEMA, "source": str(source), "target": str(target)}
-        written |= {"format": format, "l_max": degree_of_coefs(coefs)}
-        print(json_text({**written, "notes": [note for note in notes if note]}))
-    elif not quiet:
-        for line in (*notes, f"{target}: {coefs.shape[0]} coefficients, {format}"):
-            if line:
-                print(line)
-    return 0
+        coefs = _cut(source, found, settings.l_max)
+        if settings.rotate is not None:
+            coefs = shjax.rotate(coefs, settings.rotate)
+    coefs = np.asarray(apply_window(coefs, settings.window))
+    return ConvertResult(coefs, [note for note in notes if note])
 
 
 def _cut(source: Path, coefs: np.ndarray, l_max: int | None) -> np.ndarray:

@@ -8,131 +8,39 @@ from pathlib import Path
 import click
 import jax.numpy as jnp
 import numpy as np
-from rich.console import Console
 
 import shjax
 from shjax.cli import surface
-from shjax.cli.estimate_report import show, words, write
+from shjax.cli.estimate_options import Fitting, Shape, fitting_options, shape_options
+from shjax.cli.estimate_report import EstimateResult, show, words, write
 from shjax.cli.light import BASIS
 from shjax.cli.many import alone
-from shjax.cli.options import BrdfText, FiniteRange
+from shjax.cli.options import (
+    Output,
+    out_option,
+    output_options,
+)
 from shjax.cli.pictures import FRAME
-from shjax.estimate import Estimate
-from shjax.io.colour import decode_srgb, encode_srgb
+from shjax.colour import decode_srgb, encode_srgb
+from shjax.inverse import Estimate, Surface, nonnegative
 from shjax.io.images import MAX_PIXELS, decode, in_memory
-from shjax.io.writing import check_folder, json_text, protecting
+from shjax.io.writing import check_folder, protecting
 from shjax.render import Camera
-from shjax.render.shading import covered
+from shjax.render.pictures import covered
 
 SCHEMA = "shjax.estimate/1"
 _LDR = (".png", ".jpg", ".jpeg")
 
 
-class _Numbers(click.ParamType):
-    """So many numbers with commas between."""
-
-    def __init__(self, name: str, counts: tuple[int, ...]):
-        self.name, self.counts = name, counts
-
-    def convert(self, value, param, ctx):
-        """Text to floats."""
-        if not isinstance(value, str):
-            return value
-        try:
-            numbers = tuple(float(part) for part in value.split(","))
-        except ValueError:
-            numbers = ()
-        if len(numbers) not in self.counts or not np.all(np.isfinite(numbers)):
-            self.fail(f"{value!r} is not {self.name}", param, ctx)
-        return numbers
-
-
 @click.command(short_help="The light from a picture of a known object.")
 @click.argument("image", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--out", required=True, type=click.Path(path_type=Path), metavar="DIR",
-    help="Folder for the results; made if it is missing.",
-)  # fmt: skip
-@click.option(
-    "--sphere", type=_Numbers("CX,CY,R", (3,)),
-    help="The picture shows a sphere: middle and radius in pixels from the upper left "
-    "corner (the first pixel's middle is 0.5,0.5).",
-)  # fmt: skip
-@click.option(
-    "--normals", type=click.Path(path_type=Path), metavar="EXR",
-    help="The pixels' normals; 0,0,0 where nothing is seen.",
-)  # fmt: skip
-@click.option(
-    "--normals-frame", type=click.Choice(list(surface.NORMAL_FRAMES)),
-    help="camera: x right, y up, z towards the camera; opencv: y down, z away; world: "
-    "shjax's; blender: the same; mitsuba: y up. Needed with --normals.",
-)  # fmt: skip
-@click.option("--layer", help="Layer of the normals' EXR, like nn or ViewLayer.Normal.")
-@click.option(
-    "--normals-range", type=click.Choice(["signed", "unsigned"]),
-    help="[-1, 1] or [0, 1]. Needed with --normals.",
-)  # fmt: skip
-@click.option(
-    "--mesh", type=click.Path(path_type=Path), metavar="MESH",
-    help="The picture shows this mesh (OBJ, OFF, PLY, glTF), its own shadows included.",
-)  # fmt: skip
-@click.option(
-    "--camera", type=_Numbers("X,Y,Z[,TX,TY,TZ]", (3, 6)),
-    help="Where the mesh's camera stands, and what it looks at (0,0,0).",
-)  # fmt: skip
-@click.option(
-    "--up", type=_Numbers("X,Y,Z", (3,)), default="0,0,1", show_default=True,
-    help="Up in the picture, of the mesh's camera.",
-)  # fmt: skip
-@click.option(
-    "--fov", type=FiniteRange(0.1, 170), metavar="DEGREES",
-    help="Horizontal field of view of the mesh's camera; orthographic without.",
-)  # fmt: skip
-@click.option(
-    "--width", type=FiniteRange(0, min_open=True), default=2.1, show_default=True,
-    help="Width of an orthographic camera's view.",
-)  # fmt: skip
-@click.option(
-    "--mask", type=click.Path(path_type=Path), metavar="PICTURE",
-    help="Pixels to use: those above one half.",
-)  # fmt: skip
-@click.option(
-    "--albedo", default="1", show_default=True, type=_Numbers("A or R,G,B", (1, 3)),
-    help="Of the object.",
-)  # fmt: skip
-@click.option(
-    "--brdf", type=BrdfText(), help="A reflectance in place of the matte one."
-)
-@click.option(
-    "--l-max", default=2, show_default=True, type=click.IntRange(0, 10),
-    help="Highest degree of the coefficients returned.",
-)  # fmt: skip
-@click.option(
-    "--exposure", default=1.0, show_default=True,
-    type=FiniteRange(0, min_open=True),
-    help="What the picture was multiplied by.",
-)  # fmt: skip
-@click.option(
-    "--transfer", type=click.Choice(["auto", "srgb", "linear"]), default="auto",
-    show_default=True,
-    help="How an 8- or 16-bit picture stores light; auto: sRGB unless the file says "
-    "otherwise.",
-)  # fmt: skip
-@click.option(
-    "--nonnegative", is_flag=True, help="Allow no light of negative radiance."
-)
-@click.option(
-    "--loss", default="squares", show_default=True,
-    type=click.Choice(["squares", "huber", "cauchy"]),
-    help="Of the residuals; huber and cauchy bear outliers.",
-)  # fmt: skip
-@click.option(
-    "--plain", is_flag=True,
-    help="Least squares of these degrees alone: light of higher ones is an error of them.",
-)  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def estimate(image: Path, out: Path, as_json: bool, quiet: bool, **options) -> int:
+@out_option
+@shape_options
+@fitting_options
+@output_options
+def estimate(
+    image: Path, out: Path, shape: Shape, fitting: Fitting, output: Output
+) -> int:
     """Estimate the light from a picture of an object whose shape is known.
 
     IMAGE is linear (EXR, HDR) or an 8- or 16-bit picture, decoded as sRGB unless
@@ -158,107 +66,82 @@ def estimate(image: Path, out: Path, as_json: bool, quiet: bool, **options) -> i
     """
     check_folder(out)
     click.get_current_context().with_resource(protecting(image))
-    _check(options)
+    _check(shape, fitting)
     with alone(out, image.stem):
-        result = run(image, out, **options)
-    if as_json and not quiet:
-        print(json_text(result))
-    elif not quiet:
-        show(Console(highlight=False), result)
+        result = write(out, image.stem, run(image, shape, fitting))
+    if not output.print_json(result):
+        show(output.console(), result)
     return 0
 
 
-def _check(options: dict) -> None:
-    ways = [name for name in ("sphere", "normals", "mesh") if options[name] is not None]
+def _check(shape: Shape, fitting: Fitting) -> None:
+    ways = [n for n in ("sphere", "normals", "mesh") if getattr(shape, n) is not None]
     if len(ways) != 1:
         raise click.UsageError(
             "say what the picture shows by one of --sphere, --normals and --mesh; got "
             f"{' and '.join(ways) or 'none'}."
         )
-    named = options["normals_frame"] and options["normals_range"]
+    named = shape.normals_frame and shape.normals_range
     if ways == ["normals"] and not named:
         raise click.UsageError(
             "--normals needs --normals-frame (world or camera) and --normals-range "
             "(signed or unsigned): neither can be told from the numbers."
         )
-    if ways == ["mesh"] and options["camera"] is None:
+    if ways == ["mesh"] and shape.camera is None:
         raise click.UsageError("--mesh needs --camera.")
-    if options["brdf"] is not None and ways == ["mesh"]:
+    if fitting.brdf is not None and ways == ["mesh"]:
         raise click.UsageError("--brdf does not go with --mesh: its shadows are matte.")
-    if (
-        options["brdf"] is not None
-        and ways == ["normals"]
-        and options["normals_frame"] not in surface.SEEN_FRAMES
-    ):
+    unseen = shape.normals_frame not in surface.SEEN_FRAMES
+    if fitting.brdf is not None and ways == ["normals"] and unseen:
         raise click.UsageError(
             "--brdf needs views, which normals in the world's frame do not tell."
         )
 
 
-def _shown(size: tuple[int, int], options: dict) -> surface.Shown:
-    if options["sphere"] is not None:
-        return surface.of_sphere(size, options["sphere"])
-    if options["normals"] is not None:
-        return surface.of_normals(
-            size, options["normals"], options["normals_frame"],
-            options["normals_range"] == "signed", options["mask"],
-            options["layer"],
-        )  # fmt: skip
-    place = options["camera"]
-    fov = None if options["fov"] is None else float(np.radians(options["fov"]))
-    camera = Camera(
-        origin=place[:3], target=place[3:] or (0.0, 0.0, 0.0), up=options["up"],
-        width=options["width"], fov=fov,
-    )  # fmt: skip
-    degree = options["l_max"] if options["plain"] else 10
-    shown = surface.of_mesh(size, options["mesh"], camera, degree)
-    if options["mask"] is None:
-        return shown
-    weights = surface.read_mask(options["mask"], size)
-    weights = weights if shown.mask is None else weights * shown.mask
-    return dataclasses.replace(shown, mask=weights)
+def run(image: Path, shape: Shape, fitting: Fitting) -> EstimateResult:
+    """Decode the picture, estimate the light, and draw the picture again.
 
+    Args:
+        image: The picture.
+        shape: What it shows.
+        fitting: How the light is fitted.
 
-def run(image: Path, out: Path, **options) -> dict:
-    """The whole job; writes into ``out`` and returns what it found."""
-    picture, transfer = _light_of(image, options["transfer"])
-    size = picture.shape[:2]
+    Raises:
+        OSError: If a file cannot be opened.
+        ValueError: If one cannot be read, or the picture does not fit the shape.
+    """
+    picture, transfer = _light_of(image, fitting.transfer)
     ldr = image.suffix.lower() in _LDR
     clipped = picture >= 1 - 1e-6 if ldr else np.zeros(picture.shape, bool)
-    picture = picture / options["exposure"]
-    if options["sphere"] is not None:
-        window, factor, circle = surface.crop_to_sphere(size, options["sphere"])
-        picture = surface.averaged(picture[window], factor)
-        clipped = surface.averaged(clipped[window].astype(float), factor) > 0
-        shown = surface.of_sphere(picture.shape[:2], circle)
-        if options["mask"] is not None:
-            whole = surface.read_mask(options["mask"], size)[window][..., None]
-            weights = (surface.averaged(whole, factor)[..., 0] == 1).astype(float)
-            shown = dataclasses.replace(shown, mask=weights)
-    else:
-        shown = _shown(size, options)
-    normals, mask, brdf = shown.normals, shown.mask, options["brdf"]
-    more = {}
-    if brdf is not None:
+    picture = picture / fitting.exposure
+    picture, clipped, shown = _shown(picture, clipped, shape, fitting)
+    mask, seen = shown.mask, shown.surface()
+    if fitting.brdf is not None:
         normals = np.asarray(shown.gbuffer.normals)
         inside = (np.asarray(shown.gbuffer.mask) == 1).astype(float)
         mask = inside if mask is None else mask * inside
-        more = {"brdf": brdf, "views": shown.gbuffer.views}
-    albedo = np.array(options["albedo"])
+        seen = Surface.glossy(normals, shown.gbuffer.views, fitting.brdf)
+    albedo = np.array(fitting.albedo)
     found = shjax.estimate_lighting(
-        picture, normals, mask=mask, albedo=albedo, l_max=options["l_max"],
-        prior=None if options["plain"] else "picture", rows=shown.rows,
-        clipped=clipped if clipped.any() else None, loss=options["loss"],
-        nonnegative=options["nonnegative"], **more,
-    )  # fmt: skip
+        picture,
+        seen,
+        mask=mask,
+        albedo=albedo,
+        l_max=fitting.l_max,
+        prior=None if fitting.plain else "picture",
+        clipped=clipped if clipped.any() else None,
+        loss=fitting.loss,
+    )
+    if fitting.nonnegative:
+        found = nonnegative(found)
     again = _again(found, shown, albedo)
-    result = {
+    summary = {
         "schema": SCHEMA,
         "source": str(image),
         "shows": shown.about,
         "transfer": transfer,
-        "l_max": options["l_max"],
-        "frame": FRAME if options["mesh"] is None else "the mesh's own coordinates",
+        "l_max": fitting.l_max,
+        "frame": FRAME if shape.mesh is None else "the mesh's own coordinates",
         "basis": BASIS,
         "convention": "shjax",
         "coefficients": np.asarray(found.value, float).tolist(),
@@ -271,9 +154,60 @@ def run(image: Path, out: Path, **options) -> dict:
         "noise": _finite(found.noise),
         "residual_rms_over_mean": _residual(picture, again, shown),
     }
-    result["words"] = words(result)
-    result["files"] = write(out, image.stem, result, found, picture, again, shown)
-    return result
+    summary["words"] = words(summary)
+    seen_mask = np.asarray(shown.gbuffer.mask)
+    return EstimateResult(summary, found, picture, again, seen_mask)
+
+
+def _shown(
+    picture: np.ndarray, clipped: np.ndarray, shape: Shape, fitting: Fitting
+) -> tuple[np.ndarray, np.ndarray, surface.Shown]:
+    """The part of the picture that counts, and what it shows."""
+    size = picture.shape[:2]
+    if shape.sphere is not None:
+        window, factor, circle = surface.crop_to_sphere(size, shape.sphere)
+        picture = surface.averaged(picture[window], factor)
+        clipped = surface.averaged(clipped[window].astype(float), factor) > 0
+        shown = surface.of_sphere(picture.shape[:2], circle)
+        if shape.mask is not None:
+            whole = surface.read_mask(shape.mask, size)[window][..., None]
+            weights = (surface.averaged(whole, factor)[..., 0] == 1).astype(float)
+            shown = dataclasses.replace(shown, mask=weights)
+        return picture, clipped, shown
+    if shape.normals is not None:
+        assert shape.normals_frame is not None
+        shown = surface.of_normals(
+            size,
+            shape.normals,
+            shape.normals_frame,
+            shape.normals_range == "signed",
+            shape.mask,
+            shape.layer,
+        )
+        return picture, clipped, shown
+    assert shape.mesh is not None
+    return picture, clipped, _of_mesh(size, shape.mesh, shape, fitting)
+
+
+def _of_mesh(
+    size: tuple[int, int], mesh: Path, shape: Shape, fitting: Fitting
+) -> surface.Shown:
+    x, y, z, *target = shape.camera or (0.0, 0.0, 0.0)
+    tx, ty, tz = target or (0.0, 0.0, 0.0)
+    camera = Camera(
+        origin=(x, y, z),
+        target=(tx, ty, tz),
+        up=shape.up,
+        width=shape.width,
+        fov=None if shape.fov is None else float(np.radians(shape.fov)),
+    )
+    degree = fitting.l_max if fitting.plain else 10
+    shown = surface.of_mesh(size, mesh, camera, degree)
+    if shape.mask is None:
+        return shown
+    weights = surface.read_mask(shape.mask, size)
+    weights = weights if shown.mask is None else weights * shown.mask
+    return dataclasses.replace(shown, mask=weights)
 
 
 def _light_of(image: Path, transfer: str) -> tuple[np.ndarray, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -13,9 +14,9 @@ import shjax
 from shjax import io
 from shjax.cli.pictures import as_rgb, captioned, compare, header
 from shjax.display import tone_map
-from shjax.estimate import Estimate
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees, orders
+from shjax.inverse.estimate import Estimate
 from shjax.io.writing import json_text
 from shjax.sphere import latlong_directions
 
@@ -43,29 +44,42 @@ def words(result: dict) -> list[str]:
     return lines
 
 
-def write(out: Path, stem: str, result, found, picture, again, shown) -> dict:
-    """Write the panorama, the pictures, then the JSON; returns the files by name."""
-    about = header(result["source"], units="radiance")
-    panorama = np.asarray(shjax.synthesize(found.value, n_theta=256, n_phi=512))
-    seen = np.asarray(shown.gbuffer.mask)[..., None] > 0
-    panels, coloured = compare(again, np.where(seen, picture, 0), PANELS)
-    files = {
-        name: str(out / f"{stem}_{name}")
-        for name in (
-            "light.exr", "light.png", "pictures.exr", "pictures.png", "light.json",
-        )
-    }  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class EstimateResult:
+    """What ``shjax estimate`` found.
+
+    Attributes:
+        summary: For the JSON file and the terminal, without the files' names.
+        found: The estimate.
+        picture: What was given, linear.
+        again: The picture that the estimate predicts.
+        mask: Coverage of what is seen, ``(H, W)``.
+    """
+
+    summary: dict
+    found: Estimate
+    picture: np.ndarray
+    again: np.ndarray
+    mask: np.ndarray
+
+
+def write(out: Path, stem: str, result: EstimateResult) -> dict:
+    """Write the panorama, the pictures, then the JSON; returns its content."""
+    about = header(result.summary["source"], units="radiance")
+    panorama = np.asarray(shjax.synthesize(result.found.value, n_theta=256, n_phi=512))
+    seen = np.where(result.mask[..., None] > 0, result.picture, 0)
+    panels, coloured = compare(result.again, seen, PANELS)
+    names = ("light.exr", "light.png", "pictures.exr", "pictures.png", "light.json")
+    files = {name: str(out / f"{stem}_{name}") for name in names}
     io.write_image(files["light.exr"], panorama, attributes=about)
-    io.write_image(files["light.png"], _shown_light(found, panorama))
-    io.write_image(
-        files["pictures.exr"], panels.astype(np.float32),
-        attributes={**about, "panels": PANELS},
-    )  # fmt: skip
+    io.write_image(files["light.png"], _shown_light(result.found, panorama))
+    notes = {**about, "panels": PANELS}
+    values = panels.astype(np.float32)
+    io.write_image(files["pictures.exr"], values, attributes=notes)
     io.write_image(files["pictures.png"], coloured)
-    io.write_text(
-        files["light.json"], json_text({**result, "files": files}, indent=1) + "\n"
-    )
-    return files
+    content = {**result.summary, "files": files}
+    io.write_text(files["light.json"], json_text(content, indent=1) + "\n")
+    return content
 
 
 def _shown_light(found: Estimate, panorama: np.ndarray) -> np.ndarray:
@@ -89,7 +103,7 @@ def _shown_light(found: Estimate, panorama: np.ndarray) -> np.ndarray:
 
 
 def show(console: Console, result: dict) -> None:
-    """The coefficients with their uncertainties, and what they rest on."""
+    """Show the coefficients with their uncertainties, and what they rest on."""
     console.print(f"{result['source']}: {result['shows']}", style="bold", markup=False)
     table = Table(title="Lighting coefficients L_lm", title_justify="left")
     channels = len(result["coefficients"][0])
@@ -97,9 +111,13 @@ def show(console: Console, result: dict) -> None:
     for heading in ("l", "m", *names, "prior"):
         table.add_column(heading, justify="right")
     rows = zip(
-        degrees(result["l_max"]), orders(result["l_max"]), result["coefficients"],
-        result["standard_deviation"], result["prior_fraction"], strict=True,
-    )  # fmt: skip
+        degrees(result["l_max"]),
+        orders(result["l_max"]),
+        result["coefficients"],
+        result["standard_deviation"],
+        result["prior_fraction"],
+        strict=True,
+    )
     for l, m, values, deviations, share in rows:
         cells = [
             f"{value:.4g} \u00b1 {'?' if sd is None else format(sd, '.1g')}"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from pathlib import Path
 
+import jax
 import numpy as np
 from rich.console import Console
 from rich.padding import Padding
@@ -13,7 +15,7 @@ from rich.table import Table
 import shjax
 from shjax import io
 from shjax.cli.options import quadrature_note
-from shjax.cli.pictures import FRAME, as_rgb, captioned, compare, header, turned
+from shjax.cli.pictures import FRAME, as_rgb, captioned, compare, header, rotated
 from shjax.display import tone_map
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
@@ -24,40 +26,59 @@ _ROWS_SHOWN = 25
 PANELS = "from the coefficients | by the exact integral | their difference"
 
 
-def write_results(
-    out: Path,
-    stem: str,
-    result: dict,
-    envmap: EnvironmentMap,
-    lighting,
-    spheres: tuple[np.ndarray, np.ndarray],
-    more: dict[str, str],
-) -> dict[str, str]:
-    """Write the pictures, then the JSON; returns the files by name."""
-    source = envmap.report.source
+@dataclasses.dataclass(frozen=True)
+class Split:
+    """Light sources split off a map, and what is left of it."""
+
+    lights: list[dict]
+    rest: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class LightResult:
+    """What ``shjax light`` found of one map.
+
+    Attributes:
+        summary: For the JSON file and the terminal, without the files' names.
+        source: The map's name.
+        lighting: Coefficients, ``(K, C)``.
+        spheres: White spheres, from the coefficients and by the integral.
+        split: With ``--split``.
+    """
+
+    summary: dict
+    source: str
+    lighting: jax.Array
+    spheres: tuple[np.ndarray, np.ndarray]
+    split: Split | None
+
+
+def write_results(out: Path, stem: str, found: LightResult) -> dict:
+    """Write the pictures, then the JSON; returns its content."""
+    result, lighting = dict(found.summary), found.lighting
     irradiance = np.asarray(
         shjax.synthesize(shjax.irradiance_coefs(lighting), n_theta=64, n_phi=128)
     )
-    panels, shown = compare(*spheres, PANELS)
+    panels, shown = compare(*found.spheres, PANELS)
+    about = header(found.source, units="radiance", albedo="1", panels=PANELS)
+    units = header(found.source, units="irradiance, W m^-2")
     pictures = {
-        "irradiance.exr": (irradiance, header(source, units="irradiance, W m^-2")),
+        "irradiance.exr": (irradiance, units),
         "irradiance.png": (_shown_irradiance(lighting), {}),
-        "spheres.exr": (
-            panels,
-            header(source, units="radiance", albedo="1", panels=PANELS),
-        ),
+        "spheres.exr": (panels, about),
         "spheres.png": (shown, {}),
     }
     files = {name: str(out / f"{stem}_{name}") for name in pictures}
+    if found.split is not None:
+        result["lights"] = found.split.lights
+        files |= _write_split(out, stem, found.source, found.split)
     for name, (image, attributes) in pictures.items():
         io.write_image(files[name], image, attributes=attributes)
-    files.update(more)
     files["lighting.json"] = str(out / f"{stem}_lighting.json")
+    result["files"] = files
     # Last, so that its presence says that all the others are there.
-    io.write_text(
-        files["lighting.json"], json_text({**result, "files": files}, indent=1) + "\n"
-    )
-    return files
+    io.write_text(files["lighting.json"], json_text(result, indent=1) + "\n")
+    return result
 
 
 def _shown_irradiance(lighting) -> np.ndarray:
@@ -71,15 +92,13 @@ def _shown_irradiance(lighting) -> np.ndarray:
     )
 
 
-def write_split(
-    out: Path, stem: str, envmap: EnvironmentMap, rotation: np.ndarray | None
-) -> tuple[list[dict], dict[str, str]]:
-    """Write the small lights and the rest of a map; returns lights and files."""
+def split_of(envmap: EnvironmentMap, rotation: np.ndarray | None) -> Split:
+    """Split the brightest light sources off a map, rotated."""
     flat = envmap
     if envmap.layout != "latlong":
         flat = envmap.to_latlong(min(len(envmap.image), 1024))
     if rotation is not None:
-        flat = turned(flat, rotation)
+        flat = rotated(flat, rotation)
     lights, rest = split_lights(flat)
     found = io.lights_as_json(lights)
     for light, radiance in zip(found, np.asarray(lights.radiance), strict=True):
@@ -87,19 +106,23 @@ def write_split(
         x, y, z = light["direction"]
         light["azimuth"] = float(np.degrees(np.arctan2(y, x)))
         light["elevation"] = float(np.degrees(np.arcsin(np.clip(z, -1, 1))))
+    return Split(found, np.asarray(rest.radiance))
+
+
+def _write_split(out: Path, stem: str, source: str, split: Split) -> dict[str, str]:
     files = {name: str(out / f"{stem}_{name}") for name in ("rest.exr", "lights.json")}
-    about = header(envmap.report.source, units="radiance", lights=f"{len(found)} taken")
-    io.write_image(files["rest.exr"], np.asarray(rest.radiance), attributes=about)
+    about = header(source, units="radiance", lights=f"{len(split.lights)} taken")
+    io.write_image(files["rest.exr"], split.rest, attributes=about)
     content = {
         "schema": "shjax.lights/1",
-        "source": envmap.report.source,
+        "source": source,
         "frame": FRAME,
         "units": "flux: radiance times solid angle, the irradiance of a surface that "
         "faces the light; angles in degrees, azimuth from +x towards +y",
-        "lights": found,
+        "lights": split.lights,
     }
     io.write_text(files["lights.json"], json_text(content, indent=1) + "\n")
-    return found, files
+    return files
 
 
 def print_line(console: Console, result: dict, *, kept: str) -> None:
@@ -108,8 +131,9 @@ def print_line(console: Console, result: dict, *, kept: str) -> None:
     console.print(
         f"{Report(**result['report'])}; irradiance error mean {error['mean']:.2%}, max "
         f"{error['max']:.2%}" + (f" (kept, from {kept})" if kept else ""),
-        markup=False, highlight=False,
-    )  # fmt: skip
+        markup=False,
+        highlight=False,
+    )
 
 
 def print_result(console: Console, result: dict) -> None:
@@ -162,7 +186,7 @@ def print_result(console: Console, result: dict) -> None:
             highlight=False,
         )
     if result.get("lights") == []:
-        console.print("no small light stands out: nothing is split off")
+        console.print("no light source stands out: nothing is split off")
     console.print(f"\nspheres: {PANELS}", highlight=False)
     console.print("written:")
     for name in result["files"].values():

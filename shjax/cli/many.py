@@ -12,20 +12,29 @@ from pathlib import Path
 import click
 import filelock
 
-from shjax.io.reading import SUFFIXES, cube_faces, naming
+from shjax.io.readers import SUFFIXES, cube_faces, naming
 
 _ENDINGS = tuple(
     f"_{name}"
     for name in (
-        "irradiance.exr", "irradiance.png", "spheres.exr", "spheres.png", "rest.exr",
-        "reflection.exr", "reflection.png", "shrm.exr", "light.exr", "light.png",
-        "pictures.exr", "pictures.png",
+        "irradiance.exr",
+        "irradiance.png",
+        "spheres.exr",
+        "spheres.png",
+        "rest.exr",
+        "reflection.exr",
+        "reflection.png",
+        "shrm.exr",
+        "light.exr",
+        "light.png",
+        "pictures.exr",
+        "pictures.png",
     )
-)  # fmt: skip
+)
 
 
 def expand(paths: list[Path]) -> list[Path]:
-    """Environment maps named one by one or by their folder, each once.
+    """List the environment maps that are named one by one or by their folder.
 
     A folder that holds the six faces of a cube is one map.
 
@@ -86,7 +95,7 @@ def _is_map(path: Path) -> bool:
 
 
 def output_names(paths: list[Path]) -> list[str]:
-    """What the outputs of each are called: its stem, with the suffix where it must.
+    """Names of each map's outputs: its stem, with the suffix where it must.
 
     Raises:
         click.UsageError: If two would overwrite each other's outputs.
@@ -106,7 +115,7 @@ def output_names(paths: list[Path]) -> list[str]:
 
 
 def stamp(path: Path) -> list:
-    """Size and time of an input, so that a changed one is done again.
+    """Size and time of an input, by which a changed one is done again.
 
     Raises:
         OSError: If it is not there.
@@ -120,7 +129,7 @@ def stamp(path: Path) -> list:
 
 @contextlib.contextmanager
 def alone(out: Path, name: str):
-    """While the results of one name are made: no other run writes them.
+    """Lock the results of one name: no other run writes them meanwhile.
 
     Args:
         out: Folder of the results.
@@ -157,13 +166,13 @@ class BusyError(ValueError):
 
 
 def since(files: Iterable[str | Path]) -> str:
-    """When the oldest of some files was written, to the minute, in local time."""
+    """Time at which the oldest of some files was written, to the minute."""
     oldest = min(Path(name).stat().st_mtime for name in files)
     return f"{datetime.datetime.fromtimestamp(oldest):%Y-%m-%d %H:%M}"
 
 
 def stored(record: Path, job: dict) -> dict | None:
-    """The content of a JSON file whose ``job`` is this one and whose files are there."""
+    """Content of a JSON file whose ``job`` is this one and whose files are there."""
     try:
         content = json.loads(record.read_text())
         whole = all(Path(name).exists() for name in content["files"].values())

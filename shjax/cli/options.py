@@ -1,93 +1,33 @@
-"""Options, and the step from a map to coefficients, that several commands share."""
+"""Options that several commands share, packed into one argument each.
+
+Each command parses, runs to a dataclass, writes, shows.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import math
+import functools
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
 import jax
 import numpy as np
 from click.core import ParameterSource
+from rich.console import Console
 
 import shjax
-from shjax.adapted import RANKS
-from shjax.brdf.parse import MODELS, parse
+from shjax import io
+from shjax.brdf import Brdf
+from shjax.brdf.catalogue import BRDFS
+from shjax.cli.texts import Angles, Axes, BrdfText, FiniteRange, Material, MaterialText
 from shjax.envmap import EnvironmentMap
 from shjax.io.envmaps import INVALID_CHOICES
+from shjax.io.writing import json_text
 from shjax.layouts import LAYOUTS
-from shjax.sphere import yaw_pitch_roll
+from shjax.reflection.ranks import RANKS
 from shjax.windows import NAMES
-
-
-class FiniteRange(click.FloatRange):
-    """A finite number within limits; click's own lets NaN pass, which no limit stops."""
-
-    def _describe_range(self) -> str:
-        """The limits in words; click's own says ``x<=None`` where there is none."""
-        if self.min is None and self.max is None:
-            return "any finite number"
-        return super()._describe_range()
-
-    def convert(self, value, param, ctx):
-        """Text to a float."""
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a finite number", param, ctx)
-        return number
-
-
-class _Angles(click.ParamType):
-    name = "YAW,PITCH,ROLL"
-
-    def convert(self, value, param, ctx):
-        """Three numbers in degrees to a rotation matrix."""
-        if isinstance(value, np.ndarray):
-            return value
-        try:
-            angles = [float(part) for part in value.split(",")]
-        except ValueError:
-            angles = []
-        if len(angles) != 3 or not np.all(np.isfinite(angles)):
-            self.fail(f"{value!r} is not three numbers like 90,0,0", param, ctx)
-        return yaw_pitch_roll(*np.radians(angles))
-
-
-class _Axes(click.ParamType):
-    name = "AXES"
-
-    def convert(self, value, param, ctx):
-        """Signed letters such as 'x,z,-y' to a matrix of axes."""
-        if isinstance(value, np.ndarray):
-            return value
-        rows = []
-        for word in value.replace(",", " ").split():
-            letter = word.lstrip("+-").lower()
-            if letter not in ("x", "y", "z"):
-                self.fail(f"{value!r} is not three signed axes like x,z,-y", param, ctx)
-            row = np.eye(3)["xyz".index(letter)]
-            rows.append(-row if word.startswith("-") else row)
-        matrix = np.array(rows)
-        if matrix.shape != (3, 3) or abs(np.linalg.det(matrix)) != 1:
-            self.fail(f"{value!r} does not name each axis once", param, ctx)
-        return matrix
-
-
-class BrdfText(click.ParamType):
-    """A reflectance in words (:func:`shjax.brdf.parse.parse`)."""
-
-    name = "MODEL"
-
-    def convert(self, value, param, ctx):
-        """A description to a BRDF."""
-        if not isinstance(value, str):
-            return value
-        try:
-            return parse(value)
-        except (ValueError, OSError, TypeError) as error:
-            self.fail(str(error), param, ctx)
-
 
 brdf_option = click.option(
     "--brdf",
@@ -95,73 +35,13 @@ brdf_option = click.option(
     show_default=True,
     type=BrdfText(),
     help="Terms joined by ' + ', each a model and its parameters, a factor and * before "
-    "it: " + ", ".join(MODELS) + ".",
+    "it: " + ", ".join(BRDFS) + ".",
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class Material:
-    """A metallic-roughness material; ``mesh`` says that the mesh's own comes first.
-
-    Attributes:
-        given: albedo, roughness, metallic and f0, as far as they were given.
-        mesh: Whether to take the rest from the mesh's file.
-    """
-
-    given: dict[str, np.ndarray]
-    mesh: bool
-
-    def value(self, name: str) -> Any:
-        """What was given, or the default."""
-        return self.given.get(name, np.float32(_MATERIAL[name]))
-
-
-_MATERIAL = {"albedo": 0.8, "roughness": 0.5, "metallic": 0.0, "f0": 0.04}
-
-
-class _MaterialText(click.ParamType):
-    name = "MATERIAL"
-
-    def convert(self, value, param, ctx):
-        """``roughness=0.4,albedo=0.9,0.6,0.3`` or ``mesh`` to a :class:`Material`."""
-        if not isinstance(value, str):
-            return value
-        given: dict[str, list[str]] = {}
-        mesh, last = False, None
-        for word in (part.strip() for part in value.split(",")):
-            key, equals, text = word.partition("=")
-            if equals and key in _MATERIAL:
-                last, given[key] = key, [text]
-            elif word == "mesh" and last is None:
-                mesh = True
-            elif not equals and last is not None:
-                given[last].append(word)
-            else:
-                known = ", ".join(f"{k}=..." for k in _MATERIAL)
-                self.fail(f"{word!r} is not one of mesh, {known}", param, ctx)
-        numbers = {}
-        for key, words in given.items():
-            try:
-                array = np.array([float(word) for word in words], np.float32)
-            except ValueError:
-                self.fail(f"{key}={','.join(words)} is not a number", param, ctx)
-            single = key in ("roughness", "metallic")
-            if array.size not in ((1,) if single else (1, 3)):
-                rule = "one number" if single else "one number or three"
-                self.fail(f"{key} takes {rule}; got {','.join(words)}", param, ctx)
-            if not np.all((array >= 0) & (array <= 1)):
-                self.fail(
-                    f"{key} must lie in [0, 1]; got {','.join(words)}", param, ctx
-                )
-            numbers[key] = array if array.size > 1 else array[0]
-        if numbers.get("roughness") == 0:
-            self.fail("roughness must lie in (0, 1]; got 0", param, ctx)
-        return Material(numbers, mesh)
 
 
 material_option = click.option(
     "--material",
-    type=_MaterialText(),
+    type=MaterialText(),
     help="glTF's metallic-roughness material in place of --brdf, drawn by the lighting "
     "layer: some of roughness=R, metallic=M, albedo=A or R,G,B and f0=F, joined by "
     "commas; else 0.5, 0, 0.8 and 0.04. On a mesh, 'mesh' takes the file's own "
@@ -193,82 +73,188 @@ max_bytes_option = click.option(
     help="Larger models are not considered.",
 )
 
-rotate_option = click.option(
-    "--rotate",
-    type=_Angles(),
-    help="Turn the light, degrees: yaw to the left, pitch raises the panorama's centre, "
-    "roll clockwise.",
+
+def packed(name: str, cls: type, *options: Callable) -> Callable:
+    """Decorator that gives a command some options as one dataclass.
+
+    Args:
+        name: The command's argument.
+        cls: A dataclass whose fields are the options' names.
+        options: Of click.
+    """
+    fields = [field.name for field in dataclasses.fields(cls)]
+
+    def decorate(command: Callable) -> Callable:
+        @functools.wraps(command)
+        def called(**given):
+            own = cls(**{field: given.pop(field) for field in fields})
+            return command(**given, **{name: own})
+
+        for option in reversed(options):
+            called = option(called)
+        return called
+
+    return decorate
+
+
+def choice(name: str, choices, default: str, text: str) -> Callable:
+    """An option that takes one of some words."""
+    kind = click.Choice(list(choices))
+    return click.option(name, default=default, show_default=True, type=kind, help=text)
+
+
+def number(
+    name: str, default: Any, kind: click.ParamType, text: str, **more
+) -> Callable:
+    """An option that takes a number."""
+    shown = more.pop("show_default", default is not None)
+    return click.option(
+        name, default=default, show_default=shown, type=kind, help=text, **more
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """Options by which environment maps are read."""
+
+    layout: str
+    invalid: str
+    primaries: str
+
+    def read(self, path: Path, *, layer: str | None = None) -> EnvironmentMap:
+        """Read an environment map in a process of its own."""
+        return io.read_envmap(
+            path,
+            layout=self.layout,
+            layer=layer,
+            invalid=self.invalid,
+            primaries=self.primaries,
+            isolate=True,
+        )
+
+
+layout_option = choice(
+    "--layout", ["auto", *LAYOUTS], "auto", "How an environment map covers the sphere."
+)
+invalid_option = choice(
+    "--invalid",
+    INVALID_CHOICES,
+    "error",
+    "What to do with NaN, infinite and negative pixels.",
+)
+primaries_option = choice(
+    "--primaries",
+    ("rec709", "keep"),
+    "rec709",
+    "Of the results' colours: other primaries (ACEScg, XYZ) are converted, or kept.",
+)
+reading_options = packed(
+    "reading", Reading, layout_option, invalid_option, primaries_option
 )
 
-window_option = click.option(
+
+@dataclasses.dataclass(frozen=True)
+class Output:
+    """What a command prints."""
+
+    as_json: bool
+    quiet: bool
+
+    def print_json(self, content: dict, *, flush: bool = True) -> bool:
+        """Print one JSON object if that was asked for; True if nothing is left to say."""
+        if self.as_json and not self.quiet:
+            print(json_text(content), flush=flush)
+        return self.as_json or self.quiet
+
+    def console(self) -> Console:
+        """Console on which a command shows its results."""
+        silent = self.quiet or self.as_json
+        return Console(quiet=silent, soft_wrap=True)
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+output_options = packed(
+    "output",
+    Output,
+    json_option,
+    click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors."),
+)
+
+out_option = click.option(
+    "-o",
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the results; made if it is missing.",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Reflectance:
+    """What a surface is made of and how accurately it is drawn."""
+
+    brdf: Brdf
+    material: Material | None
+    maps: str
+    rms_error: float
+    max_bytes: int
+
+    def __post_init__(self) -> None:
+        """Refuse ``--material`` beside a ``--brdf`` that was given.
+
+        Raises:
+            click.UsageError: If both were.
+        """
+        source = click.get_current_context().get_parameter_source("brdf")
+        if self.material is not None and source is not ParameterSource.DEFAULT:
+            raise click.UsageError(
+                "--material takes the place of --brdf: give one of them."
+            )
+
+
+reflectance_options = packed(
+    "reflectance",
+    Reflectance,
+    brdf_option,
+    material_option,
+    maps_option,
+    rms_error_option,
+    max_bytes_option,
+)
+
+rotate_option = click.option(
+    "--rotate",
+    type=Angles(),
+    help="Rotate the light, degrees: yaw to the left, pitch raises the panorama's "
+    "centre, roll clockwise.",
+)
+
+window_option = choice(
     "--window",
-    default="none",
-    show_default=True,
-    type=click.Choice(NAMES),
-    help="Damp the high degrees; automatic: the least that keeps irradiance >= 0.",
+    NAMES,
+    "none",
+    "Damp the high degrees; automatic: the least that keeps irradiance >= 0.",
 )
 
 axes_option = click.option(
     "--axes",
-    type=_Axes(),
+    type=Axes(),
     help="The other tool's x, y and z as signed axes of shjax (z up, x the panorama's "
     "centre), like x,z,-y.",
 )
-
-layout_option = click.option(
-    "--layout",
-    default="auto",
-    show_default=True,
-    type=click.Choice(["auto", *LAYOUTS]),
-    help="How an environment map covers the sphere.",
-)
-
-invalid_option = click.option(
-    "--invalid",
-    default="error",
-    show_default=True,
-    type=click.Choice(INVALID_CHOICES),
-    help="What to do with NaN, infinite and negative pixels.",
-)
-
-
-primaries_option = click.option(
-    "--primaries",
-    default="rec709",
-    show_default=True,
-    type=click.Choice(("rec709", "keep")),
-    help="Of the results' colours: other primaries (ACEScg, XYZ) are converted, or kept.",
-)
-
-
-def check_one_reflectance(material: Material | None) -> None:
-    """Refuse ``--material`` beside a ``--brdf`` that was given.
-
-    Raises:
-        click.UsageError: If both were.
-    """
-    source = click.get_current_context().get_parameter_source("brdf")
-    if material is not None and source is not ParameterSource.DEFAULT:
-        raise click.UsageError(
-            "--material takes the place of --brdf: give one of them."
-        )
 
 
 def light_of(
     envmap: EnvironmentMap, l_max: int, rotation: np.ndarray | None
 ) -> tuple[jax.Array, str]:
-    """Coefficients of a map, turned, and by which quadrature.
+    """Radiance coefficients of a map, rotated, and the quadrature they came by.
 
-    A lat-long map too small for the degree is taken as constant over each pixel.
+    Raises:
+        ValueError: If they overflow.
     """
-    rows, columns = envmap.image.shape[:2]
-    small = envmap.layout == "latlong" and min(rows, columns) < 2 * l_max + 1
-    quadrature = "pixel" if small else "fejer"
-    if envmap.layout != "latlong":
-        quadrature = "pixel centres, exact solid angles"
-        lighting = envmap.lighting(l_max=l_max)
-    else:
-        lighting = envmap.lighting(l_max=l_max, quadrature=quadrature)
+    rule = envmap.quadrature(l_max)
+    lighting = envmap.lighting(l_max=l_max)
     if not np.all(np.isfinite(np.asarray(lighting))):
         brightest = np.max(np.abs(np.asarray(envmap.image)))
         raise ValueError(
@@ -277,7 +263,10 @@ def light_of(
         )
     if rotation is not None:
         lighting = shjax.rotate(lighting, rotation)
-    return lighting, quadrature
+    return lighting, _QUADRATURES.get(rule, rule)
+
+
+_QUADRATURES = {"samples": "pixel centres, exact solid angles"}
 
 
 def quadrature_note(quadrature: str, l_max: int) -> str:

@@ -20,7 +20,7 @@ from rich.progress import (
 import shjax
 from shjax.display import show_difference, tone_map
 from shjax.envmap import EnvironmentMap
-from shjax.render.shading import panorama_at
+from shjax.render.pictures import panorama_at
 from shjax.sphere import latlong_directions
 
 FRAME = (
@@ -30,20 +30,20 @@ FRAME = (
 
 
 def header(source: str, **more: str) -> dict[str, str]:
-    """Attributes that every picture's file carries."""
+    """Header attributes that every picture's file carries."""
     about = {"software": f"shjax {shjax.__version__}", "source": source, "frame": FRAME}
     return {**about, **more}
 
 
 def as_rgb(image: np.ndarray) -> np.ndarray:
-    """One channel three times, or the first three."""
+    """RGB of an image: one channel three times, or the first three."""
     return np.broadcast_to(image[..., :3], (*image.shape[:2], 3))
 
 
 def compare(
     approximate: np.ndarray, exact: np.ndarray, panels: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two pictures and their difference, as values and as display colours.
+    """Compare two pictures: panels of both and their difference.
 
     One white for both; the difference has its full colour at a tenth of it.
 
@@ -72,11 +72,11 @@ def compare(
 
 
 _LETTER = 0.55  # width of a letter over the height of its line, about
-_LEAST_PANEL = 288  # pixels
+_MIN_PANEL = 288  # pixels
 
 
 def captioned(image: np.ndarray, captions: tuple[str, ...]) -> np.ndarray:
-    """Display colours with a line of text below each of the panels side by side.
+    """Caption panels side by side, a line of text below each.
 
     Letters are as large as the longest caption lets them be; small panels are enlarged.
 
@@ -85,7 +85,7 @@ def captioned(image: np.ndarray, captions: tuple[str, ...]) -> np.ndarray:
         captions: One for each panel.
     """
     width = image.shape[1] // len(captions)
-    factor = max(-(-_LEAST_PANEL // width), 1)
+    factor = max(-(-_MIN_PANEL // width), 1)
     image, width = image.repeat(factor, 0).repeat(factor, 1), width * factor
     longest = max(len(caption) for caption in captions)
     size = min(int(0.94 * width / (_LETTER * longest)), 22)
@@ -100,8 +100,8 @@ def captioned(image: np.ndarray, captions: tuple[str, ...]) -> np.ndarray:
     )
 
 
-def turned(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:
-    """A lat-long map as it looks when its light is turned, read between pixels."""
+def rotated(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:
+    """Rotate the light of a lat-long map, read between pixels."""
     flat = envmap.to_latlong(min(len(envmap.image), 512))
     rows = len(flat.image)
     towards = latlong_directions(rows, 2 * rows) @ rotation  # R^T w
@@ -110,7 +110,7 @@ def turned(envmap: EnvironmentMap, rotation: np.ndarray) -> EnvironmentMap:
 
 
 def progress_display(quiet: bool) -> Progress:
-    """A bar on standard error, where that is a terminal."""
+    """Progress bar on standard error, where that is a terminal."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=24),

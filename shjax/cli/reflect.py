@@ -1,9 +1,11 @@
-"""``shjax reflect``: a panorama and a BRDF in; the least model that an error allows out."""
+"""``shjax reflect``: a panorama and a BRDF in; the model that an error allows out."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 import jax.numpy as jnp
@@ -12,77 +14,71 @@ from rich.console import Console
 
 from shjax import brdf as brdfs
 from shjax import io, render
-from shjax.brdf import Brdf
+from shjax.brdf import Brdf, metallic_roughness
 from shjax.cli.many import alone
-from shjax.cli.material import run_material
 from shjax.cli.options import (
-    Material,
-    brdf_option,
-    check_one_reflectance,
-    invalid_option,
-    layout_option,
-    maps_option,
-    material_option,
-    max_bytes_option,
-    primaries_option,
-    rms_error_option,
+    Output,
+    Reading,
+    Reflectance,
+    number,
+    out_option,
+    output_options,
+    reading_options,
+    reflectance_options,
     rotate_option,
 )
-from shjax.cli.pictures import FRAME, compare, header, progress_display, turned
+from shjax.cli.pictures import FRAME, compare, header, progress_display, rotated
+from shjax.cli.texts import Material
 from shjax.envmap import EnvironmentMap, Report
 from shjax.harmonics.degrees import degrees, orders
+from shjax.ibl import LitMaterial, PrefilteredLight, prefilter_light
 from shjax.io.writing import check_folder, json_text, protecting
-from shjax.model import Model, choose_model
+from shjax.reflection import ReflectionModel, Reflector, choose_model
+from shjax.reflection.reflector import CHECK_ROWS
 
 SCHEMA = "shjax.reflect/1"
 PANELS = "by the model | by the exact integral | their difference"
-EXACT_ROWS = 128
 STEPS = 4
 
 
-@click.command(short_help="The least reflection model for an error, and spheres.")
+@dataclasses.dataclass(frozen=True)
+class ReflectResult:
+    """What ``shjax reflect`` found.
+
+    Attributes:
+        summary: For the JSON file and the terminal, without the files' names.
+        reflector: What draws.
+        pictures: A sphere by it and by the integral.
+    """
+
+    summary: dict
+    reflector: ReflectionModel | LitMaterial
+    pictures: tuple[np.ndarray, np.ndarray]
+
+
+@click.command(short_help="The reflection model for an error, and spheres.")
 @click.argument("env", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--out", required=True, type=click.Path(path_type=Path), metavar="DIR",
-    help="Folder for the results; made if it is missing.",
-)  # fmt: skip
-@brdf_option
-@material_option
-@maps_option
-@rms_error_option
-@max_bytes_option
-@click.option(
-    "--size", default=160, show_default=True, type=click.IntRange(8, 512),
-    metavar="PIXELS", help="Side of each rendered sphere.",
-)  # fmt: skip
-@layout_option
-@invalid_option
-@primaries_option
+@out_option
+@reflectance_options
+@number("--size", 160, click.IntRange(8, 512), "Side of each sphere.", metavar="PIXELS")
 @rotate_option
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@reading_options
+@output_options
 def reflect(
     env: Path | None,
     out: Path,
-    brdf: Brdf,
-    material: Material | None,
-    maps: str,
-    rms_error: float,
-    max_bytes: int,
+    reflectance: Reflectance,
     size: int,
-    layout: str,
-    invalid: str,
-    primaries: str,
     rotate: np.ndarray | None,
-    as_json: bool,
-    quiet: bool,
+    reading: Reading,
+    output: Output,
 ) -> None:
-    """Choose the least model of the light reflected from a material.
+    """Choose the fastest reflection model of a material whose error is small enough.
 
     ENV is an environment map; left out, the panorama that comes with shjax. The model is
     the one that is read the fastest among coefficients over the normal, a radial map, a
-    map without azimuth, the spherical harmonic reflection map and one in a view basis
-    fitted to the material, each with as many small suns apart as help, whose predicted
+    map without azimuth, the spherical harmonic reflection map and a low-rank one fitted
+    to the material, each with as many light sources apart as help, whose predicted
     error over all orientations and views is small enough. Its error is then measured
     against the integral (over ENV averaged to 256 x 128).
 
@@ -92,7 +88,7 @@ def reflect(
     \b
     DIR receives
       NAME_reflect.json   the model and why, errors predicted and measured
-      NAME_shrm.exr       its map, a layer a coefficient (p1q-1.R, p1q-1.G, ...)
+      NAME_shrm.exr       its map, one layer per coefficient (p1q-1.R, p1q-1.G, ...)
       NAME_light.exr      with --material: the prefiltered light; with NAME_light.json
                           it is all that a shader needs, which that file describes
       NAME_reflection.exr a sphere: by the model; by the exact integral; their
@@ -106,7 +102,7 @@ def reflect(
         --brdf "lambertian albedo=0.5 + 0.3 * phong_cosine exponent=30"
       shjax reflect --material roughness=0.4,metallic=1,albedo=1,0.8,0.4 --out results
     """
-    check_one_reflectance(material)
+    material = reflectance.material
     if material is not None and material.mesh:
         raise click.UsageError("--material mesh needs a mesh; use shjax render.")
     path = env or io.shipped_panorama()
@@ -114,113 +110,155 @@ def reflect(
     context = click.get_current_context()
     context.with_resource(protecting(path))
     context.with_resource(alone(out, path.stem))
-    with progress_display(quiet) as progress:
+    with progress_display(output.quiet) as progress:
         task = progress.add_task("", total=STEPS)
 
         def step(what: str) -> None:
             progress.update(task, description=f"{path.name}: {what}", advance=1)
 
         step("reading")
-        envmap = io.read_envmap(
-            path, layout=layout, invalid=invalid, primaries=primaries, isolate=True
-        )
+        envmap = reading.read(path)
         if rotate is not None:
-            envmap = turned(envmap, rotate)
-        if material is None:
-            result = run(
-                envmap, brdf, out, path.stem, rms_error=rms_error, max_bytes=max_bytes,
-                size=size, step=step,
-            )  # fmt: skip
-        else:
-            result = run_material(
-                envmap, material, int(maps), out, path.stem, size=size, step=step
-            )
-    result = {"schema": SCHEMA, "source": str(path), **result}
-    file = out / f"{path.stem}_reflect.json"
-    result["files"]["reflect.json"] = str(file)
-    io.write_text(file, json_text(result, indent=1) + "\n")
-    if as_json and not quiet:
-        print(json_text(result), flush=True)
-    elif not quiet:
-        _print(Console(soft_wrap=True), result, envmap.report)
+            envmap = rotated(envmap, rotate)
+        found = run(envmap, reflectance, size=size, step=step)
+        result = write(out, path.stem, str(path), found)
+    if not output.print_json(result):
+        show(Console(soft_wrap=True), result, envmap.report)
 
 
 def run(
     envmap: EnvironmentMap,
-    brdf: Brdf,
-    out: Path,
-    stem: str,
+    reflectance: Reflectance,
     *,
-    rms_error: float,
-    max_bytes: int,
     size: int,
-    step,
-) -> dict:
-    """Choose, measure, draw and write; returns the JSON's content."""
-    step("choosing")
-    small = envmap.to_latlong(EXACT_ROWS)
-    panorama = jnp.asarray(small.radiance)
-    model = choose_model(envmap, brdf, rms_error=rms_error, max_bytes=max_bytes)
+    step: Callable[[str], None],
+) -> ReflectResult:
+    """Choose or prefilter, measure, and draw a sphere.
+
+    Args:
+        envmap: The light.
+        reflectance: What the sphere is made of.
+        size: Side of the pictures.
+        step: Called with a few words at the start of each part.
+    """
+    panorama = jnp.asarray(envmap.to_latlong(CHECK_ROWS).radiance)
+    about = {"report": dataclasses.asdict(envmap.report), "frame": FRAME}
+    if reflectance.material is None:
+        step("choosing")
+        brdf = reflectance.brdf
+        reflector = choose_model(
+            envmap,
+            brdf,
+            rms_error=reflectance.rms_error,
+            max_bytes=reflectance.max_bytes,
+        )
+        about |= _about_model(reflector, brdf)
+        ball = render.sphere(size, tangents=reflector.about_tangent)
+    else:
+        step("prefiltering")
+        values = reflectance.material.values()
+        light = prefilter_light(envmap, maps=int(reflectance.maps))
+        reflector, brdf = light.with_material(**values), metallic_roughness(**values)
+        about |= _about_material(light, reflectance.material)
+        ball = render.sphere(size)
+    about |= {"why": reflector.message}
     step("measuring")
-    measured = model.check(panorama)
+    measured, predicted = reflector.check(panorama), reflector.predicted_rms_error
+    about |= {
+        "predicted_rms_error": predicted,
+        "predicted_energy_error": predicted**2,
+        "measured_rms_error": measured.rms,
+        "measured_standard_error": measured.standard_error,
+        "measured_energy_error": measured.rms**2,
+    }
     step("exact sphere")
-    ball = render.sphere(size, tangents=model.about_tangent)
     exact = np.asarray(render.reference(ball, panorama, brdf))
-    values, shown = compare(np.asarray(render.shade(ball, model)), exact, PANELS)
-    result = {
-        "report": dataclasses.asdict(envmap.report),
-        "frame": FRAME,
-        "model": model.kind,
+    drawn = np.asarray(render.image(ball, reflector))
+    return ReflectResult(about, reflector, (drawn, exact))
+
+
+def _about_model(model: ReflectionModel, brdf: Brdf) -> dict[str, Any]:
+    diffuse = None if model.diffuse is None else model.diffuse.coefs
+    return {
+        "model": model.label,
         "l_max": model.l_max,
         "p_max": model.p_max,
         "diffuse_l_max": model.diffuse_l_max,
         "resolution": model.resolution,
         "bytes": model.bytes,
-        "asked_rms_error": rms_error,
-        "predicted_rms_error": model.predicted_rms_error,
-        "predicted_energy_error": model.predicted_rms_error**2,
-        "measured_rms_error": measured.rms,
-        "measured_standard_error": measured.standard_error,
-        "measured_energy_error": measured.rms**2,
+        "asked_rms_error": model.asked_rms_error,
         "met": model.met,
-        "why": model.message,
         "brdf": brdfs.check(brdf).message,
         "diffuse_coefficients": None
-        if model.diffuse is None
-        else np.asarray(model.diffuse, float).tolist(),
+        if diffuse is None
+        else np.asarray(diffuse, float).tolist(),
+        "lights": [] if model.lights is None else io.lights_as_json(model.lights),
     }
-    lights = model.lights
-    result["lights"] = [] if lights is None else io.lights_as_json(lights)
-    about = header(envmap.report.source, units="radiance", model=model.message)
-    files = {
-        name: str(out / f"{stem}_{name}")
-        for name in ("reflection.exr", "reflection.png")
+
+
+def _about_material(light: PrefilteredLight, material: Material) -> dict[str, Any]:
+    values = material.values()
+    return {
+        "model": "lighting layer",
+        "maps": light.maps,
+        "material": {k: np.asarray(v, float).tolist() for k, v in values.items()},
+        "bytes": light.bytes,
+        "lights": io.lights_as_json(light.lights),
     }
-    io.write_image(
-        files["reflection.exr"], values, attributes={**about, "panels": PANELS}
-    )
+
+
+def write(out: Path, stem: str, source: str, found: ReflectResult) -> dict:
+    """Write the pictures and the map, then the JSON; returns its content."""
+    name = found.summary["report"]["source"]
+    about = header(name, units="radiance", model=found.summary["why"])
+    panels = PANELS
+    if isinstance(found.reflector, LitMaterial):
+        panels = PANELS.replace("by the model", "by the lighting layer")
+    values, shown = compare(*found.pictures, panels)
+    files = {n: str(out / f"{stem}_{n}") for n in ("reflection.exr", "reflection.png")}
+    notes = {**about, "panels": panels}
+    io.write_image(files["reflection.exr"], values, attributes=notes)
     io.write_image(files["reflection.png"], shown)
-    if model.maps is not None:
-        files["shrm.exr"] = str(out / f"{stem}_shrm.exr")
-        maps = np.asarray(model.maps)
-        io.write_image(
-            files["shrm.exr"],
-            maps.reshape(*maps.shape[:2], -1),
-            attributes={**about, "coefficients": "over the view in R's frame"},
-            channels=layer_names(model),
-        )
-    return {**result, "files": files}
+    files |= _write_maps(out, stem, found.reflector, about)
+    file = out / f"{stem}_reflect.json"
+    files["reflect.json"] = str(file)
+    result = {"schema": SCHEMA, "source": source, **found.summary, "files": files}
+    io.write_text(file, json_text(result, indent=1) + "\n")
+    return result
 
 
-def layer_names(model: Model) -> list[str]:
+def _write_maps(
+    out: Path, stem: str, reflector: Reflector, about: dict[str, str]
+) -> dict[str, str]:
+    if isinstance(reflector, LitMaterial):
+        files = {n: str(out / f"{stem}_{n}") for n in ("light.exr", "light.json")}
+        io.write_prefiltered(files["light.exr"], reflector.light)
+        return files
+    assert isinstance(reflector, ReflectionModel)
+    if reflector.specular is None:
+        return {}
+    file = str(out / f"{stem}_shrm.exr")
+    maps = np.asarray(reflector.specular.coefs)
+    io.write_image(
+        file,
+        maps.reshape(*maps.shape[:2], -1),
+        attributes={**about, "coefficients": "over the view in R's frame"},
+        channels=layer_names(reflector),
+    )
+    return {"shrm.exr": file}
+
+
+def layer_names(model: ReflectionModel) -> list[str]:
     """Channels of the map's EXR: ``p1q-1.R`` and so on, in the order of its axes."""
-    if model.kind == "adapted":
-        layers = [f"k{k}q{q}" for k, q in enumerate(model.view_basis.orders)]
-    elif model.kind == "shrm":
-        pairs = zip(degrees(model.p_max), orders(model.p_max), strict=True)
+    assert model.specular is not None
+    basis = model.specular.view_basis
+    if basis.label == "low-rank":
+        layers = [f"k{k}q{q}" for k, q in enumerate(basis.orders)]
+    elif basis.label == "harmonic":
+        pairs = zip(degrees(basis.p_max), orders(basis.p_max), strict=True)
         layers = [f"p{p}q{q}" for p, q in pairs]
     else:
-        layers = [f"p{p}q0" for p in range(model.p_max + 1)]
+        layers = [f"p{p}q0" for p in range(basis.p_max + 1)]
     channels = model.lighting.shape[-1]
     names = {1: ("Y",), 3: ("R", "G", "B")}.get(channels) or [
         f"c{k:03d}" for k in range(channels)
@@ -228,7 +266,8 @@ def layer_names(model: Model) -> list[str]:
     return [f"{layer}.{name}" for layer in layers for name in names]
 
 
-def _print(console: Console, result: dict, report: Report) -> None:
+def show(console: Console, result: dict, report: Report) -> None:
+    """Show the model, its predicted and its measured error, and the files."""
     console.print(str(report), style="bold", markup=False)
     if "brdf" in result:
         console.print(f"BRDF: {result['brdf']}", highlight=False, markup=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import click
@@ -9,17 +10,21 @@ import numpy as np
 
 from shjax import io
 from shjax.cli.options import (
-    FiniteRange,
-    invalid_option,
-    layout_option,
-    primaries_option,
+    Output,
+    Reading,
+    choice,
+    number,
+    output_options,
+    packed,
+    reading_options,
     rotate_option,
 )
 from shjax.cli.pictures import as_rgb, header
+from shjax.cli.texts import FiniteRange
 from shjax.display import OPERATORS, tone_map
 from shjax.envmap import EnvironmentMap
-from shjax.io.exr import COMPRESSIONS
-from shjax.io.writing import json_text, protecting
+from shjax.io.exr_writing import COMPRESSIONS
+from shjax.io.writing import protecting
 from shjax.layouts import LAYOUTS
 from shjax.layouts.cubes import FACES
 
@@ -27,55 +32,76 @@ SCHEMA = "shjax.remap/1"
 _SIX = "faces"
 
 
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """What is written."""
+
+    to: str
+    size: int | None
+    layer: str | None
+    rotate: np.ndarray | None
+    half: bool
+    compression: str
+    tone: str
+    exposure: float
+
+
+settings_options = packed(
+    "settings",
+    Settings,
+    choice(
+        "--to",
+        [*LAYOUTS, _SIX],
+        "latlong",
+        "Layout of TARGET; faces: six files TARGET_px, _nx, _py, _ny, _pz, _nz.",
+    ),
+    number(
+        "--size",
+        None,
+        click.IntRange(1, 2**14),
+        "Rows of a lat-long map, else pixels along a face or disc; default about as many "
+        "pixels as SOURCE has.",
+        metavar="PIXELS",
+    ),
+    click.option(
+        "--layer", help="Part or layer of an EXR; default the first in colour."
+    ),
+    rotate_option,
+    click.option("--half", is_flag=True, help="An EXR of 16 bits in place of 32."),
+    choice("--compression", COMPRESSIONS, "zip", "Of an EXR."),
+    choice(
+        "--tone",
+        OPERATORS,
+        "reinhard",
+        "How a PNG shows it; aces: ACES 2.0 for an SDR screen.",
+    ),
+    number(
+        "--exposure",
+        0.0,
+        FiniteRange(-30, 30),
+        "Brighten by powers of two.",
+        metavar="STOPS",
+    ),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class RemapResult:
+    """Pictures by their files, and what there is to say of them."""
+
+    pictures: dict[Path, np.ndarray]
+    said: list[str]
+    shape: tuple[int, int]
+
+
 @click.command(short_help="An environment map in another layout.")
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option(
-    "--to", "layout_to", default="latlong", show_default=True,
-    type=click.Choice([*LAYOUTS, _SIX]),
-    help="Layout of TARGET; faces: six files TARGET_px, _nx, _py, _ny, _pz, _nz.",
-)  # fmt: skip
-@click.option(
-    "--size", type=click.IntRange(1, 2**14), metavar="PIXELS",
-    help="Rows of a lat-long map, else pixels along a face or disc; default about as "
-    "many pixels as SOURCE has.",
-)  # fmt: skip
-@layout_option
-@click.option("--layer", help="Part or layer of an EXR; default the first in colour.")
-@invalid_option
-@primaries_option
-@rotate_option
-@click.option("--half", is_flag=True, help="An EXR of 16 bits in place of 32.")
-@click.option(
-    "--compression", default="zip", show_default=True, type=click.Choice(COMPRESSIONS),
-    help="Of an EXR.",
-)  # fmt: skip
-@click.option(
-    "--tone", default="reinhard", show_default=True, type=click.Choice(OPERATORS),
-    help="How a PNG shows it; aces: ACES 2.0 for an SDR screen.",
-)  # fmt: skip
-@click.option(
-    "--exposure", default=0.0, show_default=True, metavar="STOPS",
-    type=FiniteRange(-30, 30), help="Brighten by powers of two.",
-)  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@settings_options
+@reading_options
+@output_options
 def remap(
-    source: Path,
-    target: Path,
-    layout_to: str,
-    size: int | None,
-    layout: str,
-    layer: str | None,
-    invalid: str,
-    primaries: str,
-    rotate: np.ndarray | None,
-    half: bool,
-    compression: str,
-    tone: str,
-    exposure: float,
-    as_json: bool,
-    quiet: bool,
+    source: Path, target: Path, settings: Settings, reading: Reading, output: Output
 ) -> None:
     """Write the environment map SOURCE to TARGET (.exr, .hdr or .png).
 
@@ -88,49 +114,57 @@ def remap(
       shjax remap panorama.exr cube.exr --to vertical_cross --half
       shjax remap panorama.hdr sky.png --to faces --size 256 --tone aces
     """
-    envmap = io.read_envmap(
-        source,
-        layout=layout,
-        layer=layer,
-        invalid=invalid,
-        primaries=primaries,
-        isolate=True,
-    )
-    name = "vertical_strip" if layout_to == _SIX else layout_to
-    side = size or default_side(envmap, name)
-    same = name == envmap.layout and size is None and rotate is None
-    found = envmap if same else envmap.to_layout(name, side, rotation=rotate)
-    image = np.asarray(found.image, np.float32) * np.float32(2.0**exposure)
+    envmap = reading.read(source, layer=settings.layer)
+    found = run(envmap, target, settings)
+    inputs = sorted(source.iterdir()) if source.is_dir() else [source]
+    about = header(envmap.report.source, units="radiance", layout=settings.to)
+    with protecting(*inputs):
+        for path, picture in found.pictures.items():
+            io.write_image(
+                path,
+                picture,
+                attributes=about,
+                half=settings.half,
+                compression=settings.compression,
+                layout=_layout(settings),
+            )
+    height, width = found.shape
+    result = {"schema": SCHEMA, "source": str(source), "layout": settings.to}
+    result |= {"width": width, "height": height, "report": "; ".join(found.said)}
+    files = [str(path) for path in found.pictures]
+    if not output.print_json({**result, "files": files}):
+        print("\n".join(found.said))
+        for path, picture in found.pictures.items():
+            print(f"{path}: {picture.shape[1]} x {picture.shape[0]}, {settings.to}")
+
+
+def _layout(settings: Settings) -> str:
+    return "vertical_strip" if settings.to == _SIX else settings.to
+
+
+def run(envmap: EnvironmentMap, target: Path, settings: Settings) -> RemapResult:
+    """Resample, brighten and tone-map a map."""
+    name = _layout(settings)
+    side = settings.size or default_side(envmap, name)
+    unchanged = settings.size is None and settings.rotate is None
+    found = envmap
+    if name != envmap.layout or not unchanged:
+        found = envmap.to_layout(name, side, rotation=settings.rotate)
+    image = np.asarray(found.image, np.float32) * np.float32(2.0**settings.exposure)
     if target.suffix.lower() == ".png":
-        image = as_rgb(tone_map(image, operator=tone))
+        image = as_rgb(tone_map(image, operator=settings.tone))
     pictures = {target: image}
-    if layout_to == _SIX:
+    if settings.to == _SIX:
         pictures = {
             target.with_name(f"{target.stem}_{face}{target.suffix}"): part
             for face, part in zip(FACES, np.split(image, 6), strict=True)
         }
-    about = header(envmap.report.source, units="radiance", layout=layout_to)
     said = [str(envmap.report)]
     if target.suffix.lower() == ".hdr" and np.any(image < 0):
         share = -np.sum(np.minimum(image, 0)) / np.sum(np.abs(image))
         said.append(f"negative values, {share:.2g} of the light, are black in .hdr")
         pictures = {path: np.maximum(part, 0) for path, part in pictures.items()}
-    inputs = sorted(source.iterdir()) if source.is_dir() else [source]
-    with protecting(*inputs):
-        for path, picture in pictures.items():
-            io.write_image(
-                path, picture, attributes=about, half=half, compression=compression,
-                layout=name,
-            )  # fmt: skip
-    if as_json and not quiet:
-        height, width = image.shape[:2]
-        result = {"schema": SCHEMA, "source": str(source), "layout": layout_to}
-        result |= {"width": width, "height": height, "report": "; ".join(said)}
-        print(json_text({**result, "files": [str(path) for path in pictures]}))
-    elif not quiet:
-        print("\n".join(said))
-        for path, picture in pictures.items():
-            print(f"{path}: {picture.shape[1]} x {picture.shape[0]}, {layout_to}")
+    return RemapResult(pictures, said, image.shape[:2])
 
 
 def default_side(envmap: EnvironmentMap, layout: str) -> int:

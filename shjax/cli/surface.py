@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax import io, render
-from shjax.inverse import visible_cosine
+from shjax.inverse import Surface, visible_cosine
 from shjax.render import Camera, GBuffer
 from shjax.render.meshes import trace_mesh
 
@@ -35,11 +35,11 @@ _FACING = 0.2  # n.v below which one normal does not stand for a pixel
 
 @dataclasses.dataclass(frozen=True)
 class Shown:
-    """What a picture shows.
+    """Surface that a picture shows, and its G-buffer.
 
     Attributes:
         gbuffer: For the picture drawn again.
-        normals: Given to the estimate: one a pixel, or those of its parts.
+        normals: Given to the estimate: one per pixel, or those of its parts.
         mask: Weights ``(H, W)``, or None.
         rows: In place of normals, or None.
         about: In words.
@@ -51,11 +51,18 @@ class Shown:
     rows: np.ndarray | None
     about: str
 
+    def surface(self) -> Surface:
+        """The Lambertian surface that the estimate takes."""
+        if self.rows is not None:
+            return Surface.rows(self.rows)
+        assert self.normals is not None
+        return Surface.matte(self.normals)
+
 
 def crop_to_sphere(
     size: tuple[int, int], circle: tuple[float, float, float]
 ) -> tuple[tuple[slice, slice], int, tuple[float, float, float]]:
-    """The part of a picture that a sphere fills, and how many pixels become one.
+    """Crop a picture to a sphere, and how many of its pixels become one.
 
     Returns:
         Rows and columns, the side of the blocks that are averaged (more than 1 for a
@@ -82,14 +89,14 @@ def crop_to_sphere(
 
 
 def averaged(image: np.ndarray, factor: int) -> np.ndarray:
-    """Means over square blocks of pixels, ``(H, W, C)``."""
+    """Average a picture over square blocks of pixels, ``(H, W, C)``."""
     height, width, channels = image.shape
     blocks = (height // factor, factor, width // factor, factor, channels)
     return image.reshape(blocks).mean(axis=(1, 3))
 
 
 def of_sphere(size: tuple[int, int], circle: tuple[float, float, float]) -> Shown:
-    """A sphere seen from afar: its outline is a circle in pixels."""
+    """Surface of a sphere seen from afar, whose outline is a circle in pixels."""
     cx, cy, radius = circle
     height, width = size
     parts = int(np.clip(np.ceil(_PARTS / radius), 2, 8))
@@ -112,9 +119,12 @@ def of_sphere(size: tuple[int, int], circle: tuple[float, float, float]) -> Show
         )
     mean = normals.sum(axis=2)
     return Shown(
-        _gbuffer(mean, mask), normals, None, None,
+        _gbuffer(mean, mask),
+        normals,
+        None,
+        None,
         f"a sphere of radius {radius:g} pixels about ({cx:g}, {cy:g})",
-    )  # fmt: skip
+    )
 
 
 def of_normals(
@@ -125,7 +135,7 @@ def of_normals(
     mask: Path | None,
     layer: str | None,
 ) -> Shown:
-    """Normals from a picture, in a frame and a range that are named."""
+    """Surface of given normals, in a frame and a range that are named."""
     if path.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise click.UsageError(
             f"{path}: an 8-bit picture is decoded as light; give normals as EXR."
@@ -179,7 +189,7 @@ def of_normals(
 
 
 def of_mesh(size: tuple[int, int], path: Path, camera: Camera, fit_l_max: int) -> Shown:
-    """A mesh in its file's own coordinates, with the shadows it casts on itself."""
+    """Surface of a mesh in its file's coordinates, with the shadows it casts on itself."""
     trace = trace_mesh(path, camera, size)
     ball = trace.gbuffer
     facing = np.sum(np.asarray(ball.normals * ball.views), axis=-1) > _FACING
@@ -191,7 +201,7 @@ def of_mesh(size: tuple[int, int], path: Path, camera: Camera, fit_l_max: int) -
 
 
 def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
-    """Weights from a picture's first channel."""
+    """Read weights from a picture's first channel."""
     image = io.read_image(path, isolate=True)
     if image.min() == image.max() and path.suffix.lower() in (".png", ".tif", ".tiff"):
         image = io.read_image(

@@ -9,16 +9,24 @@ References:
     Rendering, PhD thesis, Stanford, 2002, chapter 4.
 """
 
-from shjax.harmonics.degrees import num_coefs as num_coefs
-from shjax.harmonics.degrees import scale_degrees as scale_degrees
-from shjax.harmonics.degrees import spread as spread
-from shjax.harmonics.evaluation import basis as basis
-from shjax.harmonics.evaluation import evaluate as evaluate
-from shjax.harmonics.rotation import rotate as rotate
-from shjax.harmonics.spectrum import multiply as multiply
-from shjax.harmonics.spectrum import power_spectrum as power_spectrum
-from shjax.harmonics.transforms import analyze as analyze
-from shjax.harmonics.transforms import project_samples as project_samples
-from shjax.harmonics.transforms import sum_pixels as sum_pixels
-from shjax.harmonics.transforms import synthesize as synthesize
-from shjax.harmonics.wigner import wigner_d as wigner_d
+from shjax.harmonics.degrees import num_coefs, scale_degrees, spread
+from shjax.harmonics.evaluation import basis, evaluate
+from shjax.harmonics.rotation import rotate
+from shjax.harmonics.spectrum import multiply, power_spectrum
+from shjax.harmonics.transforms import analyze, project_samples, synthesize
+from shjax.harmonics.wigner import wigner_d
+
+__all__ = [
+    "analyze",
+    "basis",
+    "evaluate",
+    "multiply",
+    "num_coefs",
+    "power_spectrum",
+    "project_samples",
+    "rotate",
+    "scale_degrees",
+    "spread",
+    "synthesize",
+    "wigner_d",
+]

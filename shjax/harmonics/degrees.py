@@ -11,24 +11,24 @@ from jaxtyping import Float
 
 from shjax.arrays import Array, as_float, check_channels, check_floating, shape_of
 
-HIGHEST_DEGREE = 1024
+MAX_DEGREE = 1024
 
 
 def check_l_max(l_max: int, name: str = "l_max") -> int:
-    """Return ``l_max`` if it is a whole number from 0 to 1024.
+    """Check that a highest degree is an integer from 0 to 1024.
 
     Raises:
         ValueError: If it is not.
     """
     if isinstance(l_max, bool) or not isinstance(l_max, (int, np.integer)) or l_max < 0:
-        raise ValueError(f"{name} must be a whole number >= 0; got {l_max!r}.")
-    if l_max > HIGHEST_DEGREE:
-        raise ValueError(f"{name} must be at most {HIGHEST_DEGREE}; got {l_max}.")
+        raise ValueError(f"{name} must be an integer >= 0; got {l_max!r}.")
+    if l_max > MAX_DEGREE:
+        raise ValueError(f"{name} must be at most {MAX_DEGREE}; got {l_max}.")
     return int(l_max)
 
 
 def num_coefs(l_max: int) -> int:
-    """K = (l_max + 1)^2.
+    """Number of coefficients to a degree, K = (l_max + 1)^2.
 
     >>> num_coefs(2)
     9
@@ -37,7 +37,7 @@ def num_coefs(l_max: int) -> int:
 
 
 def degree_of_coefs(coefs: Array, name: str = "coefs") -> int:
-    """The ``l_max`` of coefficients ``(..., K, C)``.
+    """Highest degree of coefficients ``(..., K, C)``, from their shape.
 
     Raises:
         ValueError: If they are no array, or the axis before the last is not a square
@@ -73,7 +73,7 @@ def orders(l_max: int) -> np.ndarray:
 
 
 def cosine_sine_slots(l_max: int) -> np.ndarray:
-    """Where each flat index lies in l x m x (cos, sin), ``(K,)``."""
+    """Position of each flat index in l x m x (cos, sin), ``(K,)``."""
     l, m = degrees(l_max), orders(l_max)
     return (l * (l_max + 1) + np.abs(m)) * 2 + (m < 0)
 
@@ -82,7 +82,7 @@ def spread(gains: Float[Array, "*batch L"]) -> Float[jax.Array, "*batch K"]:
     """Repeat per-degree gains over the orders of each degree.
 
     Args:
-        gains: One factor a degree, ``(..., l_max + 1)``.
+        gains: One factor per degree, ``(..., l_max + 1)``.
 
     Returns:
         One factor a coefficient, ``(..., (l_max + 1)^2)``.
@@ -101,13 +101,13 @@ def scale_degrees(
 
     Args:
         coefs: Coefficients.
-        gains: One factor a degree, ``(l_max + 1,)``.
+        gains: One factor per degree, ``(l_max + 1,)``.
 
     Returns:
         Coefficients of the same shape and type.
 
     Raises:
-        ValueError: If ``gains`` does not have one entry a degree.
+        ValueError: If ``gains`` does not have one entry per degree.
     """
     l_max = degree_of_coefs(coefs)
     if shape_of("gains", gains) != (l_max + 1,):

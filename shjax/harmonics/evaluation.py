@@ -6,6 +6,12 @@ also defined off the unit sphere (``3 z^2 - 1`` stays as it is, as in [RH01, Eq.
 
 Up to degree 8 the sum is one fused polynomial that never stores the basis; above, a scan
 over the degree on blocks of points, which compiles in the same time for any degree.
+
+References:
+    [RH01] R. Ramamoorthi and P. Hanrahan, An Efficient Representation for Irradiance
+    Environment Maps, SIGGRAPH 2001.
+    [T4] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 4.
 """
 
 from __future__ import annotations
@@ -18,21 +24,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, check_vectors, in_blocks
+from shjax.arrays import Array, as_float, check_vectors, einsum, map_blocks, matmul
 from shjax.harmonics import legendre
 from shjax.harmonics.degrees import check_l_max, cosine_sine_slots, degree_of_coefs
 
 _UNROLLED_TO = 8
 _BLOCK = 2048  # points at a time in the scan
 
-_matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-
 
 @functools.partial(jax.jit, static_argnames=("l_max",))
 def basis(
     directions: Float[Array, "*batch 3"], *, l_max: int
 ) -> Float[jax.Array, "*batch K"]:
-    """Values of all harmonics up to ``l_max`` [T4, Eq. 4.5].
+    """Real spherical harmonics up to ``l_max`` at directions [T4, Eq. 4.5].
 
     Args:
         directions: Unit vectors.
@@ -62,7 +66,7 @@ def basis(
 def evaluate(
     coefs: Float[Array, "*batch K C"], directions: Float[Array, "*points 3"]
 ) -> Float[jax.Array, "*batch_points C"]:
-    """Sum an expansion at given directions: ``sum_lm c_lm Y_lm(d)``.
+    """Evaluate a spherical harmonic expansion at directions: ``sum_lm c_lm Y_lm(d)``.
 
     Args:
         coefs: Coefficients, ``(*batch, K, C)``.
@@ -141,7 +145,7 @@ def _fused_sum_jvp(primals, tangents):
     total = jnp.zeros_like(value)
     column_tangents, point_tangents = tangents
     if not isinstance(column_tangents, jax.custom_derivatives.SymbolicZero):
-        total = total + _matmul(basis(points, l_max=l_max), column_tangents)
+        total = total + matmul(basis(points, l_max=l_max), column_tangents)
     if not isinstance(point_tangents, jax.custom_derivatives.SymbolicZero):
         plain = functools.partial(_fused_sum.fun, columns)
         total = total + jax.jvp(plain, (points,), (point_tangents,))[1]
@@ -165,19 +169,14 @@ def _scanned_sum(columns: jax.Array, points: jax.Array, l_max: int) -> jax.Array
             state, total = carry
             tables, row = inputs
             state, values = step(state, tables)  # [m, s, n]
-            product = jnp.einsum(
-                "msn,msc->nc", values, row, precision=jax.lax.Precision.HIGHEST
-            )
+            product = einsum("msn,msc->nc", values, row)
             return (state, total + product), None
 
         zero = jnp.zeros((some.shape[0], columns.shape[1]), columns.dtype)
         tables = legendre.scan_steps(l_max, columns.dtype)
         return jax.lax.scan(degree, (start, zero), (tables, rows))[0][1]
 
-    n, channels = points.shape[0], columns.shape[1]
-    blocks = in_blocks(points, min(_BLOCK, max(n, 1)))
-    values = jax.lax.map(block, blocks)
-    return values.reshape(blocks.shape[0] * blocks.shape[1], channels)[:n]
+    return map_blocks(block, points, _BLOCK)
 
 
 def _scanned_basis(points: jax.Array, l_max: int) -> jax.Array:

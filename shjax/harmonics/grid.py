@@ -81,7 +81,7 @@ QUADRATURES = {
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """Rings of equally spaced pixels, and how their sum becomes an integral.
+    """Grid of rings of equally spaced pixels, with its quadrature weights.
 
     The columns are those of the stored panorama. The rings are, from north to south,
 
@@ -103,7 +103,7 @@ class Grid:
 
     @property
     def rule(self) -> _Rule:
-        """The quadrature itself."""
+        """Quadrature rule over the rings."""
         return QUADRATURES[self.quadrature]
 
     @property
@@ -113,7 +113,7 @@ class Grid:
 
     @property
     def weights(self) -> np.ndarray:
-        """Weight of a pixel in each row, ``(n_theta,)``; all pixels add up to 4 pi."""
+        """Quadrature weight of a pixel in each row, ``(n_theta,)``; they add up to 4 pi."""
         return _nodes(self.quadrature, self.n_theta)[1] * (2 * np.pi / self.n_phi)
 
     def rings(self, l_max: int) -> tuple[np.ndarray, np.ndarray]:
@@ -134,7 +134,7 @@ class Grid:
 
 
 def make_grid(n_theta: int, n_phi: int, quadrature: str = "fejer") -> Grid:
-    """A grid, checked.
+    """Make a grid of rings and check it.
 
     Raises:
         ValueError: If a size is not positive or the quadrature unknown.

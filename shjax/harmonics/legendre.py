@@ -25,7 +25,7 @@ _NEAR_POLE = 0.7  # in cos t; from 0.5 on, z - 1 is exact
 
 
 def step_coefs(l: np.ndarray | int, m: np.ndarray | int) -> tuple:
-    """Factors ``a_lm`` and ``b_lm`` of the step to degree l > m; 0 elsewhere."""
+    """Recurrence factors ``a_lm`` and ``b_lm`` to degree l > m; 0 elsewhere."""
     wide = np.longdouble  # differences of these factors are taken, and lose digits
     l, m = np.broadcast_arrays(np.asarray(l, wide), np.asarray(m, wide))
     above = l > m
@@ -43,7 +43,7 @@ def seed_norms(m_max: int) -> np.ndarray:
 
 
 def legendre(l_max: int, m: int, z: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """All degrees of one order, float64.
+    """Associated Legendre functions of one order and all degrees, float64.
 
     Args:
         l_max: Highest degree.
@@ -65,14 +65,14 @@ def legendre(l_max: int, m: int, z: np.ndarray, sine: np.ndarray) -> np.ndarray:
 
 
 class Seeds(NamedTuple):
-    """``P_mm`` for all orders, ``value * 2^(64 power)``, each ``(m, n)``."""
+    """Seeds ``P_mm`` of the recurrence, ``value * 2^(64 power)``, each ``(m, n)``."""
 
     value: jax.Array
     power: jax.Array | None
 
 
 class State(NamedTuple):
-    """A degree of all orders, ``(m, n)``, what stands before it, and their power.
+    """State of the recurrence: a degree of all orders, the one before, their power.
 
     ``before`` is the degree below, or near the poles the difference to it.
     """
@@ -83,7 +83,7 @@ class State(NamedTuple):
 
 
 class Heights(NamedTuple):
-    """cos t of the points, ``(1, n)``, as the recurrence takes it.
+    """Heights cos t of points, ``(1, n)``, as the recurrence takes them.
 
     The recurrence runs on the northern hemisphere; ``P_lm(-z) = (-1)^(l + m) P_lm(z)``.
 
@@ -130,13 +130,13 @@ def carries_power(l_max: int, dtype) -> bool:
 
 
 def start(seeds: Seeds) -> State:
-    """The state before degree 0."""
+    """State of the recurrence before degree 0."""
     nothing = jnp.zeros_like(seeds.value)
     return State(nothing, nothing, seeds.power)
 
 
 class Step(NamedTuple):
-    """What one degree of the recurrence needs, ``(m, 1)`` each, or with l in front."""
+    """Factors of one step of the recurrence, ``(m, 1)`` each, or with l in front."""
 
     scale: jax.Array
     lag: jax.Array
@@ -147,7 +147,7 @@ class Step(NamedTuple):
 
 
 def scan_steps(l_max: int, dtype, m_max: int | None = None) -> Step:
-    """What a scan over degrees hands to :func:`next_degree`, ``(l, m, 1)`` each."""
+    """Factors of all steps for a scan over degrees, ``(l, m, 1)`` each."""
     m_max = l_max if m_max is None else m_max
     degree, order = np.arange(l_max + 1)[:, None], np.arange(m_max + 1)
     scale, lag = step_coefs(degree, order)
@@ -163,7 +163,7 @@ def scan_steps(l_max: int, dtype, m_max: int | None = None) -> Step:
 def next_degree(
     state: State, step: Step, z: Heights, seeds: Seeds
 ) -> tuple[State, jax.Array]:
-    """One degree up.
+    """Step the recurrence one degree up.
 
     Near a pole consecutive degrees hardly differ, and the plain recurrence loses digits
     as l^2; there the difference ``d_l = a b d_(l-1) + (a (z - 1) + (a - a b - 1)) P_(l-1)``

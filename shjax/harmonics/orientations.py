@@ -16,21 +16,17 @@ References:
 
 from __future__ import annotations
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.arrays import in_blocks
+from shjax.arrays import einsum, map_blocks
 from shjax.harmonics import wigner
 from shjax.harmonics.tables import cached
 from shjax.sphere import latlong_phi
 
-_LEAST_TRANSFORM = 64  # orders from which an FFT is faster than a product
-HIGHEST = 128  # above, the eigenvectors of all degrees are too large to hold
-
-einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+_MIN_TRANSFORM = 64  # orders from which an FFT is faster than a product
+MAX_DEGREE = 128  # above, the eigenvectors of all degrees are too large to hold
 
 
 @cached
@@ -199,7 +195,7 @@ def maps_on_grid(
     )
     maps, channels = len(orders), kernels.shape[-1]
     rows = rows.reshape(theta.size, size, 2, maps * channels)
-    around = _by_transform if _LEAST_TRANSFORM <= size <= columns // 2 else _by_product
+    around = _by_transform if _MIN_TRANSFORM <= size <= columns // 2 else _by_product
     return around(rows, columns).reshape(theta.size, columns, maps, channels)
 
 
@@ -249,9 +245,5 @@ def maps_at(
         rows = over_theta(series, orders, *up)
         return einsum("nmtjc,nmt->njc", rows, jnp.stack(across, axis=-1))
 
-    n = theta.shape[0]
-    angles = tuple(
-        in_blocks(a.astype(dtype), min(_POINTS_AT_ONCE, n)) for a in (theta, phi)
-    )
-    values = jax.lax.map(block, angles)
-    return values.reshape(-1, len(orders), kernels.shape[-1])[:n]
+    angles = (theta.astype(dtype), phi.astype(dtype))
+    return map_blocks(block, angles, _POINTS_AT_ONCE)

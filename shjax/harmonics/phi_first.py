@@ -13,15 +13,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shjax.arrays import einsum
 from shjax.harmonics import legendre, tables
 from shjax.harmonics.degrees import cosine_sine_slots
 from shjax.harmonics.grid import Grid
 
-einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
-
 
 class Tables(NamedTuple):
-    """What a transform starts from and multiplies by, in its data's type.
+    """Tables of a transform, in its data's type.
 
     Attributes:
         gains: Of the orders, with the rings' weights in analysis, ``(H | 1, F + 1)``.
@@ -40,7 +39,7 @@ class Tables(NamedTuple):
 
 @functools.lru_cache(maxsize=4)  # they may be large
 def analysis_tables(grid: Grid, l_max: int, dtype) -> Tables:
-    """Tables of :func:`analyze`."""
+    """Tables of :func:`analyze` for a grid and a degree."""
     m = np.arange(l_max + 1)
     theta, weights = grid.rings(l_max)
     gains = weights.reshape(-1, 1) * _gains(m)
@@ -51,7 +50,7 @@ def analysis_tables(grid: Grid, l_max: int, dtype) -> Tables:
 
 @functools.lru_cache(maxsize=4)  # they may be large
 def synthesis_tables(grid: Grid, l_max: int, dtype) -> Tables:
-    """Tables of :func:`synthesize`."""
+    """Tables of :func:`synthesize` for a grid and a degree."""
     return _tables(_gains(np.arange(l_max + 1))[None], grid.theta, grid.n_phi, dtype)
 
 
@@ -72,7 +71,7 @@ def _tables(gains: np.ndarray, theta: np.ndarray, n_phi: int, dtype) -> Tables:
 
 
 def analyze(radiance: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.Array:
-    """``(n_theta, n_phi, C)`` to ``(K, C)``."""
+    """Analyze a panorama ``(n_theta, n_phi, C)``: coefficients ``(K, C)``."""
     m = np.arange(l_max + 1)
     # Orders above n_phi / 2 are the conjugates of lower ones on these columns.
     spectrum = jnp.fft.fft(radiance, axis=1)
@@ -94,7 +93,7 @@ def analyze(radiance: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.A
 
 
 def synthesize(coefs: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.Array:
-    """``(K, C)`` to ``(n_theta, n_phi, C)``."""
+    """Synthesize a panorama ``(n_theta, n_phi, C)`` from coefficients ``(K, C)``."""
     dtype, channels, m = coefs.dtype, coefs.shape[-1], np.arange(l_max + 1)
     flat = jnp.zeros(((l_max + 1) ** 2 * 2, channels), dtype)
     flat = flat.at[cosine_sine_slots(l_max)].set(coefs, unique_indices=True)

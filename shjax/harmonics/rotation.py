@@ -18,7 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, shape_of
+from shjax.arrays import Array, as_float, matmul, shape_of
 from shjax.harmonics import wigner
 from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
 from shjax.harmonics.tables import on_device
@@ -37,7 +37,7 @@ class _Tables(NamedTuple):
 def rotate(
     coefs: Float[Array, "*batch K C"], rotation: Float[Array, "*turns 3 3"]
 ) -> Float[jax.Array, "*all K C"]:
-    """Coefficients of the turned function ``f'(R w) = f(w)``.
+    """Rotate spherical harmonic coefficients: ``f'(R w) = f(w)``.
 
     To read the same light in another frame whose axes are the rows of ``R``, pass that
     ``R``. Differentiable in both arguments, at the identity too; a change of ``rotation``
@@ -134,7 +134,7 @@ def _turn(blocks: jax.Array, matrix: jax.Array, tables: _Tables) -> jax.Array:
     first, second, third = _euler_angles(matrix)
     blocks = _turn_about_z(blocks, third)
     wave = wigner.waves(second, tables.frequencies)
-    blocks = wigner.turn_about_y(blocks, tables.vectors, wave)
+    blocks = wigner.rotate_about_y(blocks, tables.vectors, wave)
     blocks = _turn_about_z(blocks, first)
     odd = (tables.degrees % 2 == 1)[:, None, None, None]
     flip = jnp.broadcast_to(odd & mirrored, blocks.shape)
@@ -146,13 +146,13 @@ def _turn_jvp(primals, tangents):
     blocks, matrix, tables = primals
     block_tangents, matrix_tangents, _ = tangents
     value = _turn(blocks, matrix, tables)
-    spin = jnp.matmul(matrix_tangents, matrix.T, precision=jax.lax.Precision.HIGHEST)
+    spin = matmul(matrix_tangents, matrix.T)
     spin = (spin - spin.T) / 2
     x, y, z = spin[2, 1], spin[0, 2], spin[1, 0]
     still = jnp.zeros_like(tables.frequencies)
 
     def about_y(some):
-        return wigner.turn_about_y(some, tables.vectors, (still, tables.frequencies))
+        return wigner.rotate_about_y(some, tables.vectors, (still, tables.frequencies))
 
     # R_x = R_z(-pi/2) R_y R_z(pi/2), and the same for their generators.
     right = jnp.asarray(np.pi / 2, blocks.dtype)
@@ -177,7 +177,6 @@ def _nearest_rotation(matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
 
     Two Newton steps to the polar factor: fourth order in what rounding left.
     """
-    matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
     three = 3 * jnp.eye(3, dtype=matrix.dtype)
     mirrored = jnp.dot(matrix[0], jnp.cross(matrix[1], matrix[2])) < 0
     matrix = jnp.where(mirrored, -matrix, matrix)

@@ -16,7 +16,7 @@ from shjax.harmonics.transforms import analyze, synthesize
 def power_spectrum(
     coefs: Float[Array, "*batch K C"],
 ) -> Float[jax.Array, "*batch L C"]:
-    """Sum of squares over the orders of each degree, ``S_l = sum_m c_lm^2``.
+    """Power spectrum: sum of squares over the orders, ``S_l = sum_m c_lm^2``.
 
     It does not change under rotation; over all degrees it adds up to the integral of the
     squared function (Parseval).
@@ -42,7 +42,7 @@ def power_spectrum(
 def multiply(
     first: Float[Array, "*batch K1 C"], second: Float[Array, "*batch K2 C"]
 ) -> Float[jax.Array, "*batch K C"]:
-    """Coefficients of the product of two functions, exact.
+    """Multiply two functions on the sphere exactly, by their coefficients.
 
     The product of degrees l1 and l2 has degree l1 + l2: both are evaluated on the rings
     of a Gauss-Legendre grid that integrates it exactly.

@@ -10,6 +10,10 @@ are sin t times polynomials, combinations of ``P_k1``. So a panorama is first re
 2F + 1 rows (one matrix product on the map as it is stored), then along phi, and last a
 small matrix for each m turns (k, m) into (l, m). Both families are orthonormal, so these
 matrices have orthonormal rows, and nothing is lost.
+
+References:
+    [T4] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 4.
 """
 
 from __future__ import annotations
@@ -44,7 +48,7 @@ def cached(function):
 
 @functools.lru_cache(maxsize=32)
 def on_device(table: Callable[..., Any], *args, dtype) -> Any:
-    """What a cached function gives, as arrays of a type that programs take.
+    """Device arrays of what a cached function returns, in a given type.
 
     Args:
         table: A function from here, such as :func:`degree_tables`.
@@ -73,7 +77,7 @@ def ring_values(grid: Grid, l_max: int) -> np.ndarray:
 
 @cached
 def ring_weights(grid: Grid, l_max: int) -> np.ndarray:
-    """The same times the weight of a pixel: what analysis multiplies the rows by.
+    """Values of :func:`ring_values` times the weight of a pixel, for analysis.
 
     By the pixel rule, their integrals over each row.
     """
@@ -106,7 +110,7 @@ def azimuth_values(n_phi: int, l_max: int) -> tuple[np.ndarray, np.ndarray]:
 
 @cached
 def azimuth_weights(grid: Grid, l_max: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same as analysis takes them: by the pixel rule, averaged over each pixel."""
+    """Values of :func:`azimuth_values` for analysis; by the pixel rule, averaged."""
     even, odd = azimuth_values(grid.n_phi, l_max)
     if not grid.rule.integrates_pixels:
         return even, odd
@@ -115,7 +119,7 @@ def azimuth_weights(grid: Grid, l_max: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pixel_gains(grid: Grid, m: np.ndarray) -> np.ndarray:
-    """What averaging over a pixel's width leaves of order m: sin(x) / x, x = m pi / n."""
+    """Attenuation of order m by averaging over a pixel, sin(x) / x with x = m pi / n."""
     return np.sinc(m / grid.n_phi)
 
 
@@ -141,7 +145,7 @@ def degree_tables(l_max: int) -> tuple[np.ndarray, np.ndarray]:
 
 @cached
 def flat_positions(l_max: int) -> np.ndarray:
-    """Where each flat coefficient lies in (even m, then odd m) x l x (cos, sin)."""
+    """Position of each flat coefficient in (even m, then odd m) x l x (cos, sin)."""
     l, m = degrees(l_max), orders(l_max)
     size, evens = np.abs(m), l_max // 2 + 1
     slot = size // 2 + np.where(size % 2, evens, 0)

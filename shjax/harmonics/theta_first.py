@@ -6,24 +6,22 @@ equator, where every function of theta is even or odd, which halves the largest 
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shjax.arrays import einsum
 from shjax.harmonics import tables
 from shjax.harmonics.grid import Grid
 
 _FOLD_ABOVE = 12  # below it, adding the halves costs more than the product saves
 _PHI_BLOCK = 64
 
-einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
-
 
 class Tables(NamedTuple):
-    """What a transform multiplies by, in its data's type."""
+    """Tables of a transform, in its data's type."""
 
     rings: tuple[jax.Array, ...]  # whole, or of the even and the odd functions
     azimuth: tuple[jax.Array, jax.Array]
@@ -31,7 +29,7 @@ class Tables(NamedTuple):
 
 
 def analysis_tables(grid: Grid, l_max: int, dtype) -> Tables:
-    """Tables of :func:`analyze`."""
+    """Tables of :func:`analyze` for a grid and a degree."""
     return Tables(
         tables.on_device(_folded, tables.ring_weights, grid, l_max, dtype=dtype),
         tables.on_device(tables.azimuth_weights, grid, l_max, dtype=dtype),
@@ -40,7 +38,7 @@ def analysis_tables(grid: Grid, l_max: int, dtype) -> Tables:
 
 
 def synthesis_tables(grid: Grid, l_max: int, dtype) -> Tables:
-    """Tables of :func:`synthesize`."""
+    """Tables of :func:`synthesize` for a grid and a degree."""
     return Tables(
         tables.on_device(_folded, tables.ring_values, grid, l_max, dtype=dtype),
         tables.on_device(tables.azimuth_values, grid.n_phi, l_max, dtype=dtype),
@@ -49,7 +47,7 @@ def synthesis_tables(grid: Grid, l_max: int, dtype) -> Tables:
 
 
 def analyze(radiance: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.Array:
-    """``(n_theta, n_phi, C)`` to ``(K, C)``."""
+    """Analyze a panorama ``(n_theta, n_phi, C)``: coefficients ``(K, C)``."""
     channels = radiance.shape[-1]
     rings = _to_rings(by.rings, radiance.reshape(grid.n_theta, -1), l_max)
     rings = rings.reshape(2 * l_max + 1, grid.n_phi, channels)
@@ -67,7 +65,7 @@ def analyze(radiance: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.A
 
 
 def synthesize(coefs: jax.Array, by: Tables, *, grid: Grid, l_max: int) -> jax.Array:
-    """``(K, C)`` to ``(n_theta, n_phi, C)``."""
+    """Synthesize a panorama ``(n_theta, n_phi, C)`` from coefficients ``(K, C)``."""
     dtype, channels = coefs.dtype, coefs.shape[-1]
     flat = jnp.zeros(((l_max + 1) * (l_max + 1) * 2, channels), dtype)
     flat = flat.at[tables.flat_positions(l_max)].set(coefs, unique_indices=True)

@@ -30,7 +30,7 @@ def analyze(
     l_max: int,
     quadrature: str = "fejer",
 ) -> Float[jax.Array, "*batch K C"]:
-    """Project a lat-long panorama on the harmonics: ``L_lm = int L Y_lm dw``.
+    """Spherical harmonic transform of a lat-long panorama: ``L_lm = int L Y_lm dw``.
 
     Exact for radiance of degree l when ``l + l_max < n_theta`` and ``l + l_max < n_phi``
     (Fejer's first rule on the panorama's own rows). A NumPy batch of more than 1 GiB, in
@@ -64,32 +64,6 @@ def analyze(
     return run(as_float("radiance", radiance))
 
 
-def sum_pixels(
-    radiance: Float[Array, "n_theta n_phi C"], *, l_max: int
-) -> Float[jax.Array, "K C"]:
-    """Coefficients of a panorama's pixels as points of light, to any degree to 128.
-
-    The sum of :func:`analyze` by Fejer's rule, without its limit: beyond half the rows it
-    is no longer the integral of a smooth panorama, but still the transform of the points
-    that :func:`shjax.reference_reflection` adds up.
-
-    Args:
-        radiance: Panorama as it is stored.
-        l_max: Highest degree, inclusive. Static.
-
-    Raises:
-        ValueError: If ``l_max`` is above 128 or ``radiance`` has not three axes.
-    """
-    if radiance.ndim != 3:
-        raise ValueError(
-            f"radiance must have shape (n_theta, n_phi, C); got {radiance.shape}."
-        )
-    if check_l_max(l_max) > _PRODUCTS_TO:  # the FFT above knows no higher orders
-        raise ValueError(f"l_max must be at most {_PRODUCTS_TO}; got {l_max}.")
-    grid = make_grid(radiance.shape[0], radiance.shape[1])
-    return _analyze(as_float("radiance", radiance), grid=grid, l_max=l_max)
-
-
 def _algorithm(l_max: int):
     """The module that is faster at a degree."""
     return theta_first if l_max <= _PRODUCTS_TO else phi_first
@@ -114,7 +88,7 @@ def synthesize(
     n_phi: int,
     quadrature: str = "fejer",
 ) -> Float[jax.Array, "*batch n_theta n_phi C"]:
-    """Evaluate coefficients at the pixel centres of a lat-long grid.
+    """Inverse spherical harmonic transform: coefficients to a lat-long panorama.
 
     Args:
         coefs: Coefficients.
@@ -154,7 +128,7 @@ def project_samples(
     *,
     l_max: int,
 ) -> Float[jax.Array, "*batch K C"]:
-    """Project radiance known at any directions: ``sum_n w_n L_n Y_lm(d_n)``.
+    """Project light samples on spherical harmonics: ``sum_n w_n L_n Y_lm(d_n)``.
 
     Args:
         radiance: Samples.

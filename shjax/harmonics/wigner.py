@@ -6,8 +6,13 @@ apart. In each block its generator is tridiagonal and antisymmetric; with the fa
 numbers (l, l - 2, ... for cosines, l - 1, l - 3, ... for sines) and whose orthonormal
 eigenvectors V do not depend on the angle. So ``d(a) = V exp(i a k) V^T`` with plain
 cosines and sines of ``k a``: 1e-14 at any angle, where the usual recurrences lose digits
-near pi. [T5, section 5.2, uses the same matrices; for the method see Feng, Wang, Yang and
-Jin 2015, Phys. Rev. E 92, 043307.]
+near pi [F15]; the matrices are those of [T5, section 5.2].
+
+References:
+    [F15] X. M. Feng, P. Wang, W. Yang, G. R. Jin, High-precision evaluation of Wigner's d
+    matrix by exact diagonalization, Physical Review E 92, 043307, 2015.
+    [T5] R. Ramamoorthi, A Signal-Processing Framework for Forward and Inverse
+    Rendering, PhD thesis, Stanford, 2002, chapter 5.
 """
 
 from __future__ import annotations
@@ -19,15 +24,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float, in_blocks
+from shjax.arrays import Array, as_float, einsum, in_blocks
 from shjax.harmonics.degrees import check_l_max
 from shjax.harmonics.tables import cached
 
-einsum = functools.partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
-
 
 def couplings(l: int) -> np.ndarray:
-    """``sqrt((l - m) (l + m + 1)) / 2`` between m and m + 1, times sqrt2 at m = 0."""
+    """Ladder coefficients between m and m + 1, times sqrt2 at m = 0."""
     m = np.arange(l)
     return np.sqrt((l - m) * (l + m + 1.0)) / 2 * np.where(m == 0, np.sqrt(2), 1)
 
@@ -49,7 +52,7 @@ def eigenvectors(l: int, size: int) -> np.ndarray:
 
 
 def frequencies(l: int, size: int) -> np.ndarray:
-    """The whole-numbered eigenvalues, rising: ``(2, size)``."""
+    """Frequencies, the integer eigenvalues in rising order: ``(2, size)``."""
     values = np.zeros((2, size))
     values[0, : l + 1] = np.arange(-l, l + 1, 2)
     values[1, :l] = np.arange(-l + 1, l, 2)
@@ -96,7 +99,7 @@ def _split_two_pi() -> tuple[np.float32, ...]:
 _TWO_PI_PARTS = _split_two_pi()
 
 
-def turn_about_y(
+def rotate_about_y(
     by_order: jax.Array, vectors: jax.Array, wave: tuple[jax.Array, jax.Array]
 ) -> jax.Array:
     """Rotate coefficients about y.
@@ -128,7 +131,7 @@ def turn_about_y(
 def wigner_d(
     l: int, angle: Float[Array, ""] | np.floating | float
 ) -> Float[jax.Array, "M M"]:
-    """The rotation matrix about y of one degree, in the real basis.
+    """Wigner d matrix: rotation about y of one degree, in the real basis.
 
     ``Y_lm(R_y(angle) w) = sum_q d[m + l, q + l] Y_lq(w)``.
 
@@ -140,7 +143,7 @@ def wigner_d(
         ``(2 l + 1, 2 l + 1)``, in the angle's type.
 
     Raises:
-        ValueError: If ``l`` is not a whole number from 0 to 1024, or ``angle`` no number.
+        ValueError: If ``l`` is not an integer from 0 to 1024, or ``angle`` no number.
 
     >>> [f"{x:.3f}" for x in wigner_d(1, np.float32(0.5))[2]]  # x of a turned vector
     ['0.000', '0.479', '0.878']
@@ -161,7 +164,7 @@ def _wigner_d(angle: jax.Array, vectors: jax.Array, *, l: int) -> jax.Array:
 
     def add(so_far, some):
         columns, *wave = (jnp.moveaxis(a, 0, -1) for a in some)
-        return so_far + turn_about_y(unit, columns, (wave[0], wave[1])), None
+        return so_far + rotate_about_y(unit, columns, (wave[0], wave[1])), None
 
     every = (vectors, *waves(angle, frequencies(l, l + 1)))
     groups = [in_blocks(jnp.moveaxis(a, -1, 0), _ADDED_AT_ONCE) for a in every]

@@ -1,12 +1,18 @@
 """Image-based lighting: a light prefiltered once, every material per pixel.
 
-What a renderer's split-sum does, with the error known beforehand: a chain of maps in the
-adapted view basis of GGX (``adapted``), nine irradiance coefficients, and the brightest
-small lights apart, shaded by the BRDF itself. The material is glTF's metallic-roughness
+What a renderer's split-sum does, with the error known beforehand: a chain of maps in
+low-rank view bases of GGX (``ggx_tables``), nine irradiance coefficients, and the brightest
+light sources apart, shaded by the BRDF itself. The material is glTF's metallic-roughness
 model, :func:`shjax.brdf.metallic_roughness`.
 """
 
-from shjax.ibl.prediction import predicted_shading_error as predicted_shading_error
-from shjax.ibl.prefiltering import PrefilteredLight as PrefilteredLight
-from shjax.ibl.prefiltering import prefilter_light as prefilter_light
-from shjax.ibl.shading import shade as shade
+from shjax.ibl.material import LitMaterial
+from shjax.ibl.prefiltered_light import PrefilteredLight, prefilter_light
+from shjax.ibl.shading import shade
+
+__all__ = [
+    "LitMaterial",
+    "PrefilteredLight",
+    "prefilter_light",
+    "shade",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -10,45 +11,45 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.adapted import family
-from shjax.adapted.ggx import (
-    LEAST_ALPHA,
-    LEVELS,
-    Roughness,
-    locate,
-    multiple_scattering,
-    uniform_response,
-    view_functions,
-)
 from shjax.arrays import (
     Array,
     as_float,
     as_number_or_float,
     check_vectors,
-    in_blocks,
+    float_type,
+    map_blocks,
 )
-from shjax.brdf.ggx import Half, distribution_masking, schlick
+from shjax.brdf.ggx import Half, distribution_masking, multiple_scattering, schlick
 from shjax.harmonics import evaluate
-from shjax.ibl.prefiltering import PrefilteredLight, level_shape, level_starts
-from shjax.ibl.reading import Weights, read_maps
+from shjax.ibl.ggx_tables import (
+    LEVELS,
+    MIN_ALPHA,
+    Roughness,
+    ggx_tables,
+    locate,
+    uniform_response,
+    view_functions,
+)
+from shjax.ibl.prefiltered_light import PrefilteredLight, level_shape, level_starts
+from shjax.ibl.texels import Weights, read_maps
 from shjax.lights import CapLights, cap_nodes
-from shjax.shrm import in_spherical_frame
-from shjax.sphere import mirror, pixel_coordinates, polar_angles
-from shjax.view_basis import halfway
+from shjax.reflection.view_basis import halfway
+from shjax.sphere import in_spherical_frame, mirror, pixel_coordinates, polar_angles
+
+Parameter = float | Array | Sequence[float]
 
 
-@jax.jit
 def shade(
     light: PrefilteredLight,
     normals: Float[Array, "*points 3"],
     views: Float[Array, "*others 3"],
     *,
-    albedo,
-    roughness,
-    metallic=0.0,
-    f0=0.04,
+    albedo: Parameter,
+    roughness: Parameter,
+    metallic: Parameter = 0.0,
+    f0: Parameter = 0.04,
 ) -> Float[jax.Array, "*all C"]:
-    """Radiance reflected by glTF's metallic-roughness model, every input per point.
+    """Shade points by image-based lighting: a metallic-roughness material per point.
 
     ``albedo (1 - metallic) / pi E(n)`` plus GGX with ``alpha = roughness^2``, Smith
     masking, Schlick's term from ``f0 (1 - metallic) + albedo metallic``, and its lost
@@ -62,9 +63,9 @@ def shade(
         normals: Unit normals.
         views: Unit vectors to the viewer.
         albedo: A number, or an array that broadcasts to ``(*points, C)``.
-        roughness: A number, or ``(*points,)``, in [0, 1]. No value is checked here, where
-            it may be traced.
-        metallic: A number, or ``(*points,)``, in [0, 1].
+        roughness: A number, ``(*points,)`` or ``(*points, 1)``, in [0, 1]. No value is
+            checked here, where it may be traced.
+        metallic: A number, ``(*points,)`` or ``(*points, 1)``, in [0, 1].
         f0: Reflectance of the dielectric at normal incidence, in the form of ``albedo``.
 
     Returns:
@@ -81,15 +82,31 @@ def shade(
         raise ValueError(
             f"views must have the shape of normals {normals.shape}; got {views.shape}."
         )
+    dtype = float_type("light", light.texels)
+    # Before jit, which would take a list of numbers apart.
+    material = {
+        "albedo": albedo,
+        "roughness": roughness,
+        "metallic": metallic,
+        "f0": f0,
+    }
+    material = {k: as_number_or_float(k, v, dtype) for k, v in material.items()}
+    return _shade(light, normals, views, material)
+
+
+@jax.jit
+def _shade(
+    light: PrefilteredLight, normals, views, material: dict[str, jax.Array]
+) -> jax.Array:
     texels = as_float("light", light.texels)
     channels, dtype, points = texels.shape[-1], texels.dtype, normals.shape[:-1]
     flat = {
         "normals": as_float("normals", normals).astype(dtype).reshape(-1, 3),
         "views": as_float("views", views).astype(dtype).reshape(-1, 3),
-        "albedo": _per_point("albedo", albedo, (*points, channels), dtype),
-        "roughness": _per_point("roughness", roughness, points, dtype),
-        "metallic": _per_point("metallic", metallic, points, dtype),
-        "f0": _per_point("f0", f0, (*points, channels), dtype),
+        "albedo": _per_point("albedo", material["albedo"], (*points, channels)),
+        "roughness": _per_point("roughness", material["roughness"], points),
+        "metallic": _per_point("metallic", material["metallic"], points),
+        "f0": _per_point("f0", material["f0"], (*points, channels)),
     }
     front = texels.shape[:-3]
     if not front:
@@ -100,8 +117,9 @@ def shade(
     return shaded.reshape(*front, *points, channels)
 
 
-def _per_point(name: str, value, shape: tuple[int, ...], dtype) -> jax.Array:
-    array = as_number_or_float(name, value, dtype)
+def _per_point(name: str, array: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    if array.shape == (*shape, 1) and name in ("roughness", "metallic"):
+        array = array[..., 0]  # as a texture is read
     try:
         spread = jnp.broadcast_to(array, shape)
     except ValueError:
@@ -124,11 +142,8 @@ def _in_blocks(light: PrefilteredLight, points: dict[str, jax.Array]) -> jax.Arr
     count = points["normals"].shape[0]
     if count <= _POINTS_AT_ONCE:
         return _shade_points(light, **points)
-    blocks = {name: in_blocks(a, _POINTS_AT_ONCE) for name, a in points.items()}
-    shaded = jax.lax.map(
-        jax.checkpoint(lambda some: _shade_points(light, **some)), blocks
-    )
-    return shaded.reshape(-1, shaded.shape[-1])[:count]
+    some = jax.checkpoint(lambda some: _shade_points(light, **some))
+    return map_blocks(some, points, _POINTS_AT_ONCE)
 
 
 def _shade_points(
@@ -138,9 +153,9 @@ def _shade_points(
     albedo, f0, metal = albedo.T, f0.T, metallic[None]
     diffuse = albedo * (1 - metal)
     specular = f0 * (1 - metal) + albedo * metal
-    alpha = jnp.maximum(roughness, math.sqrt(LEAST_ALPHA)) ** 2
+    alpha = jnp.maximum(roughness, math.sqrt(MIN_ALPHA)) ** 2
     cosine = jnp.sum(normals * views, axis=-1)
-    rough, fit = locate(alpha), family(light.maps)
+    rough, fit = locate(alpha), ggx_tables(light.maps)
     functions = view_functions(fit, rough, cosine)
     white, slope = uniform_response(fit, rough, functions)
     gain = multiple_scattering((white + slope)[None], specular)
@@ -155,7 +170,7 @@ def _shade_points(
 
 def _read(texels, rough: Roughness, normals, views, functions, f0) -> jax.Array:
     """Sum of all maps at the reflected directions, in their functions of the view."""
-    fit = family(texels.shape[0])
+    fit = ggx_tables(texels.shape[0])
     towards = mirror(normals, views)
     x, y, _ = jnp.moveaxis(in_spherical_frame(towards, normals), -1, 0)
     places, shares = taps(rough, towards)
@@ -168,7 +183,7 @@ def _read(texels, rough: Roughness, normals, views, functions, f0) -> jax.Array:
 
 
 def taps(rough: Roughness, towards: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The eight texels about directions and their shares.
+    """Texels about reflected directions, eight each, and their shares.
 
     Returns:
         Places ``(8, n)``, and shares for maps of even and odd order, ``(8, 2, n)``.

@@ -17,7 +17,6 @@ References:
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -25,24 +24,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from shjax.arrays import Array, check_channels
-from shjax.estimate import Estimate
+from shjax.arrays import Array, check_channels, matmul
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import check_l_max, degrees
-from shjax.inverse.ambiguity import HELD, report
-from shjax.inverse.families import Family, Gains, family
-from shjax.inverse.glossy import glossy_rows, table_to
-from shjax.inverse.linear import inverse_and_log_det
-from shjax.inverse.nonlinear import approach, refine, search
-from shjax.inverse.pictures import Pixels, fit
-from shjax.inverse.reflectance import check_pictures
+from shjax.inverse.brdf import check_pictures
+from shjax.inverse.estimate import Estimate
+from shjax.inverse.linear.least_squares import inverse_and_log_det
+from shjax.inverse.reflectance.ambiguity import HELD, joint_estimate
+from shjax.inverse.reflectance.families import LobeFamily
+from shjax.inverse.reflectance.free_gains import FreeGains
+from shjax.inverse.reflectance.lobes import AnyLobe, Radial, as_search
+from shjax.inverse.reflectance.nonlinear import approach, refine, search
+from shjax.inverse.shown.glossy import glossy_rows, table_to
+from shjax.inverse.shown.pixels import Pixels, fit
 from shjax.sphere import mirror
 
 _SEARCHED = 500  # pixels of the search from many starts
 _ROUGH = 0.01  # of the picture: the search's standard deviation of a pixel
-_LEAST_NOISE = 1e-4  # of the picture: no better is the forward model
+_MIN_NOISE = 1e-4  # of the picture: no better is the forward model
 _LIGHTLY = 1e-5  # of the design: what the surface does not show is held at 0 by this
-_precise = jax.lax.Precision.HIGHEST
 
 
 def estimate_joint(
@@ -50,31 +50,27 @@ def estimate_joint(
     normals: Float[Array, "V *points 3"],
     views: Float[Array, "V *points 3"],
     *,
-    model: str,
+    lobe: AnyLobe,
     l_max: int = 4,
     lights: tuple[int, ...] | None = None,
-    known: Mapping[str, float] | None = None,
     mask: Float[Array, "V *points"] | Bool[Array, "V *points"] | None = None,
     noise: Float[Array, ...] | float | None = None,
-    least_cosine: float = 0.3,
-    starts: Float[Array, ...] | None = None,
+    min_cosine: float = 0.3,
 ) -> Estimate:
-    """Lighting and reflectance from pictures of one material.
+    """Estimate lighting and reflectance together from pictures of one material.
 
     Args:
         images: Linear radiance of V pictures.
         normals: Unit normals, zero where nothing is seen.
         views: Unit vectors to the viewer.
-        model: ``"radial"`` (free gains ``a_l`` about R), or a parametric lobe as in
-            :func:`shjax.estimate_brdf`.
+        lobe: ``"radial"`` (free gains ``a_l`` about R), a parametric lobe as in
+            :func:`shjax.estimate_brdf`, or what :func:`shjax.inverse.lobe` makes of
+            either and of parameters that are known.
         l_max: Highest degree of the light; there must be none above. Static.
         lights: Which light each picture is under, from 0; default one for all. Static.
-        known: Parameters that are not to be estimated: a shape by its name, ``"total"``
-            for ``kd + ks``, or ``"a_0"``, ``"a_1"``, ...
         mask: Weights >= 0 of the squared residuals.
         noise: Standard deviation of a pixel of weight 1; None: from the residual.
-        least_cosine: Pixels with ``n.v`` below are left out. Static.
-        starts: Of the shape parameters, in place of the usual ones.
+        min_cosine: Pixels with ``n.v`` below are left out. Static.
 
     Returns:
         An :class:`Estimate`: the reflectance's rows, then ``L_00, L_1-1, ...`` of each
@@ -98,25 +94,37 @@ def estimate_joint(
             f"{lights}."
         )
     pixels, normals, views = check_pictures(
-        images, normals, views, mask, 1.0, least_cosine
+        images, normals, views, mask, 1.0, min_cosine
     )
     channels, dtype = pixels.image.shape[-1], pixels.image.dtype
     sigma = None if noise is None else fit("noise", noise, (channels,), dtype)
-    kind = Gains(l_max) if model == "radial" else family(model)
-    centre, spread = _held(kind, channels, dict(known or {}))
+    search_for = as_search(lobe)
+    kind = search_for.kind
+    if isinstance(kind, Radial):
+        kind = FreeGains(l_max)
+    if not isinstance(kind, LobeFamily | FreeGains):
+        raise ValueError("lobe must be radial or a parametric lobe; got general.")
+    centre, spread = _held(kind, channels, search_for.known)
     wide = jnp.result_type(float)
-    begin = kind.starts(channels, starts)
+    begin = kind.starts(channels, search_for.starts)
     begin = np.where(spread == HELD, centre, begin)
     of_pixel = np.repeat(numbers, pixels.image.shape[0] // count)
     return _estimate(
-        pixels, normals, views, sigma, jnp.asarray(begin, wide),
+        pixels,
+        normals,
+        views,
+        sigma,
+        jnp.asarray(begin, wide),
         (jnp.asarray(centre, wide), jnp.asarray(spread, wide)),
-        jnp.asarray(of_pixel), model=model, l_max=l_max, lights=len(kinds),
-        least_cosine=least_cosine,
-    )  # fmt: skip
+        jnp.asarray(of_pixel),
+        kind=kind,
+        l_max=l_max,
+        lights=len(kinds),
+        min_cosine=min_cosine,
+    )
 
 
-def _held(kind: Family | Gains, channels: int, known: dict[str, float]):
+def _held(kind: LobeFamily | FreeGains, channels: int, known: dict[str, float]):
     """The prior, with known parameters held: means and standard deviations."""
     centre, spread = (np.array(a) for a in kind.prior(channels))
     for name, value in known.items():
@@ -135,9 +143,7 @@ class _Data(NamedTuple):
     of_pixel: jax.Array
 
 
-@functools.partial(
-    jax.jit, static_argnames=("model", "l_max", "lights", "least_cosine")
-)
+@functools.partial(jax.jit, static_argnames=("kind", "l_max", "lights", "min_cosine"))
 def _estimate(
     pixels: Pixels,
     normals: jax.Array,
@@ -147,12 +153,11 @@ def _estimate(
     prior: tuple[jax.Array, jax.Array],
     of_pixel: jax.Array,
     *,
-    model: str,
+    kind: LobeFamily | FreeGains,
     l_max: int,
     lights: int,
-    least_cosine: float,
+    min_cosine: float,
 ) -> Estimate:
-    kind = Gains(l_max) if model == "radial" else family(model)
     channels, wide = pixels.image.shape[-1], starts.dtype
     root = jnp.sqrt(pixels.weights).astype(wide)
     image = jnp.where(root[:, None] > 0, pixels.image.astype(wide), 0) * root[:, None]
@@ -160,7 +165,7 @@ def _estimate(
     level = jnp.sqrt(jnp.sum(image * image, axis=0) / used)
     level = jnp.maximum(level, jnp.finfo(wide).tiny ** 0.5)
     data = _Data(normals.astype(wide), views.astype(wide), root, image, of_pixel)
-    design = functools.partial(_design, kind, l_max, lights, least_cosine)
+    design = functools.partial(_design, kind, l_max, lights, min_cosine)
 
     def compare(vector, args):
         data, sigma = args
@@ -176,35 +181,44 @@ def _estimate(
         unknowns = len(prior[0]) / channels + lights * (l_max + 1) ** 2
         freedom = jnp.maximum(used - unknowns, 1)
         sigma = jnp.sqrt(jnp.sum(left * left, axis=0) / freedom)
-    sigma = jnp.maximum(sigma.astype(wide), _LEAST_NOISE * level)
+    sigma = jnp.maximum(sigma.astype(wide), _MIN_NOISE * level)
     found = refine(compare, (data, sigma), start, prior)
     light, left = _eliminate(design(found.value, data), image)
     squares = jnp.sum(left * left, axis=0)
     brightest = jnp.argmax(jnp.sum(image * image, axis=0))
-    return report(
-        kind, found, light, lambda vector: design(vector, data), prior[1], sigma,
-        squares, brightest, pixels.image.dtype, l_max=l_max, lights=lights,
-    )  # fmt: skip
+    return joint_estimate(
+        kind,
+        found,
+        light,
+        lambda vector: design(vector, data),
+        prior[1],
+        sigma,
+        squares,
+        brightest,
+        pixels.image.dtype,
+        l_max=l_max,
+        lights=lights,
+    )
 
 
 def _design(
-    kind: Family | Gains,
+    kind: LobeFamily | FreeGains,
     l_max: int,
     lights: int,
-    least_cosine: float,
+    min_cosine: float,
     vector: jax.Array,
     data: _Data,
 ) -> jax.Array:
     """The picture's derivatives in the light's coefficients, ``(C, N, lights K)``."""
     channels = data.image.shape[1]
     rows = 0.0
-    if isinstance(kind, Gains):
+    if isinstance(kind, FreeGains):
         about = basis(mirror(data.normals, data.views), l_max=l_max)[None]
         gains = kind.natural(vector.reshape(-1, channels))[degrees(l_max)].T[:, None]
         shape = (channels, *about.shape[1:])
         rows = jnp.broadcast_to(about, shape) * jnp.broadcast_to(gains, shape)
     else:
-        table = table_to(least_cosine)
+        table = table_to(min_cosine)
         for brdf, share in zip(*kind.split(vector, channels), strict=True):
             part = glossy_rows(brdf, data.normals, data.views, l_max, table)[..., 0]
             rows = rows + part[None] * share[:, None, None]
@@ -221,7 +235,7 @@ def _eliminate(design: jax.Array, image: jax.Array):
     """
     light, left = [], []
     for rows, column in zip(design, image.T, strict=True):
-        gram = jnp.matmul(rows.T, rows, precision=_precise)
+        gram = matmul(rows.T, rows)
         held = _LIGHTLY**2 * jnp.trace(gram) / gram.shape[0]
         scale = jax.lax.rsqrt(jnp.diagonal(gram) + held)
         matrix = gram * scale[:, None] * scale[None] + jnp.diag(held * scale * scale)
@@ -230,9 +244,9 @@ def _eliminate(design: jax.Array, image: jax.Array):
         inverse = inverse * scale[:, None] * scale[None]
         one = jnp.zeros(gram.shape[0], rows.dtype)
         for _ in range(2):  # the second makes up for what squaring the rows has cost
-            rest = column - jnp.matmul(rows, one, precision=_precise)
-            slope = jnp.matmul(rows.T, rest, precision=_precise)
-            one = one + jnp.matmul(inverse, slope - held * one, precision=_precise)
+            rest = column - matmul(rows, one)
+            slope = matmul(rows.T, rest)
+            one = one + matmul(inverse, slope - held * one)
         light.append(one)
-        left.append(column - jnp.matmul(rows, one, precision=_precise))
+        left.append(column - matmul(rows, one))
     return jnp.stack(light, axis=1), jnp.stack(left, axis=1)

@@ -119,7 +119,7 @@ def _own(values: np.ndarray, convention: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Format:
-    """A kind of file.
+    """File format of coefficients.
 
     Attributes:
         write: Values ``(K, C)`` and the convention's name to the file's text.
@@ -145,6 +145,8 @@ FORMATS = {
     },
 }
 
+OTHER_NAMES = {"three.js": "three", "threejs": "three"}  # of formats
+
 
 def write_coefs(
     path: str | os.PathLike,
@@ -154,7 +156,7 @@ def write_coefs(
     convention: str = "shjax",
     axes: Float[np.ndarray, "3 3"] | None = None,
 ) -> None:
-    """Write radiance coefficients as another tool reads them.
+    """Write lighting coefficients as another tool reads them.
 
     Args:
         path: The file.
@@ -169,7 +171,8 @@ def write_coefs(
         ValueError: If the format is unknown, fixes another convention, or cannot hold
             these coefficients.
     """
-    format = format.lower() if isinstance(format, str) else format
+    if isinstance(format, str):
+        format = OTHER_NAMES.get(format.lower(), format.lower())
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}; got {format!r}.")
     chosen = FORMATS[format]
@@ -195,7 +198,7 @@ def write_coefs(
 def read_coefs(
     path: str | os.PathLike, *, no_mirror: bool = False
 ) -> Float[np.ndarray, "K C"] | None:
-    """Read coefficients from a file of ours, a three.js LightProbe or cmgen's sh.txt.
+    """Read lighting coefficients of shjax, a three.js LightProbe or cmgen's sh.txt.
 
     Args:
         path: The file.

@@ -20,7 +20,7 @@ _tell_size: ContextVar[Callable[[int], None] | None] = ContextVar("size", defaul
 
 @dataclasses.dataclass(frozen=True)
 class Decoded:
-    """An image of linear light, as read from a file.
+    """Decoded image of linear light, as read from a file.
 
     Attributes:
         shape: Height, width and channels.
@@ -52,7 +52,7 @@ class Decoded:
             yield slice(start, stop), band
 
     def pixels(self) -> Float[np.ndarray, "H W C"]:
-        """The whole image, float32."""
+        """All pixels of the image, float32."""
         if self.whole is not None:
             return self.whole
         image = np.empty(self.shape, np.float32)
@@ -62,7 +62,7 @@ class Decoded:
 
 
 def from_array(image: np.ndarray, kind: str, layout: str | None = None) -> Decoded:
-    """Of an image ``(H, W, C)`` that is in memory, or mapped there."""
+    """Wrap an image ``(H, W, C)`` that is in memory, or mapped there."""
     height, width, channels = image.shape
     return Decoded(
         (height, width, channels), lambda start, stop: image[start:stop], kind, layout
@@ -70,7 +70,7 @@ def from_array(image: np.ndarray, kind: str, layout: str | None = None) -> Decod
 
 
 def colour_channels(image: np.ndarray) -> tuple[np.ndarray, str]:
-    """The first three channels, or the first of two; and what was left out, in words."""
+    """Colour channels of an image: the first three, or the first; and what was left out."""
     count = image.shape[-1]
     kept = 1 if count < 3 else 3
     left = "" if kept == count else f", the first {kept} of {count} channels"
@@ -95,7 +95,7 @@ def check_size(size: Iterable[int] | np.ndarray, max_pixels: int) -> None:
 
 @contextlib.contextmanager
 def telling_size(tell: Callable[[int], None]) -> Iterator[None]:
-    """Within it, ``tell`` hears the pixels of each image before they are decoded."""
+    """Report the pixels of each image to ``tell`` before they are decoded, within it."""
     token = _tell_size.set(tell)
     try:
         yield
@@ -104,7 +104,7 @@ def telling_size(tell: Callable[[int], None]) -> Iterator[None]:
 
 
 def oriented(image: Decoded, *, flip_rows: bool, flip_columns: bool) -> Decoded:
-    """The same image with its rows or its columns in the opposite order."""
+    """Flip an image's rows or columns."""
     if not (flip_rows or flip_columns):
         return image
     height = image.shape[0]

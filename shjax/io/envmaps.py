@@ -19,7 +19,7 @@ _BAND = 2**20  # values at a time
 
 
 def shipped_panorama() -> Path:
-    """The 1024 x 512 panorama that comes with the package: a city (CC0, Greg Zaal)."""
+    """Path of the 1024 x 512 panorama that comes with shjax: a city (CC0, Greg Zaal)."""
     return Path(__file__).parent.parent / "data" / "city.exr"
 
 
@@ -34,7 +34,7 @@ def read_envmap(
     primaries: str = "rec709",
     isolate: bool = False,
 ) -> EnvironmentMap:
-    """Read an environment map of any layout.
+    """Read an environment map of any layout from an image file or six faces.
 
     Args:
         path: A file, or a folder of six faces, as in :func:`shjax.io.read_image`.
@@ -68,9 +68,13 @@ def read_envmap(
         )
     path = Path(path)
     decoded = decode(
-        path, max_pixels=max_pixels, layer=layer, alpha=alpha, primaries=primaries,
+        path,
+        max_pixels=max_pixels,
+        layer=layer,
+        alpha=alpha,
+        primaries=primaries,
         isolate=isolate,
-    )  # fmt: skip
+    )
     image = in_memory(path, decoded)
     report = Report(path.name, decoded.kind, layout, False, *decoded.shape[:2])
     if layout == "auto" and decoded.layout is not None:
@@ -132,7 +136,7 @@ class _Invalid:
 
     @property
     def own_share(self) -> float:
-        """The same in the file's own primaries: what is not a conversion's."""
+        """Share of negative energy in the file's own primaries, without a conversion's."""
         if not self.own_whole:
             return self.share
         return self.own_below / self.own_whole

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from shjax.io import exr, isolation, other, reading
-from shjax.io.colour import encode_srgb
+from shjax.colour import encode_srgb
+from shjax.io import exr_writing, isolation, other, readers
 from shjax.io.decoded import Decoded
 from shjax.io.writing import replacing
 
@@ -55,16 +55,20 @@ def read_image(
         ValueError: If its contents cannot be read; the message names the file.
     """
     decoded = decode(
-        path, max_pixels=max_pixels, layer=layer, alpha=alpha, primaries=primaries,
+        path,
+        max_pixels=max_pixels,
+        layer=layer,
+        alpha=alpha,
+        primaries=primaries,
         isolate=isolate,
-    )  # fmt: skip
+    )
     return in_memory(Path(path), decoded)
 
 
 def read_vectors(
     path: str | os.PathLike, *, layer: str | None = None, isolate: bool = False
 ) -> Float[np.ndarray, "H W 3"]:
-    """Read normals or other vectors: an EXR's X, Y, Z (or R, G, B) as they are stored.
+    """Read normals or other vectors from an EXR's X, Y, Z (or R, G, B) as they are stored.
 
     Args:
         path: The file; what is no EXR is read as an image.
@@ -83,14 +87,14 @@ def read_vectors(
 
 
 def decode(path: str | os.PathLike, *, isolate: bool, **options) -> Decoded:
-    """The image, and how it was stored; arguments as of :func:`read_image`."""
-    reader = isolation.read if isolate else reading.read
+    """Decode an image and tell how it was stored; arguments as of :func:`read_image`."""
+    reader = isolation.read if isolate else readers.read
     return reader(Path(path), **options)
 
 
 def in_memory(path: Path, decoded: Decoded) -> np.ndarray:
-    """All pixels of an image that was read from ``path``."""
-    with reading.naming(path):
+    """Load all pixels of an image that was read from ``path``."""
+    with readers.naming(path):
         return decoded.pixels()
 
 
@@ -135,19 +139,24 @@ def write_image(
         raise ValueError(
             f"channels must hold {pixels.shape[-1]} different names; got {channels}."
         )
-    if compression not in exr.COMPRESSIONS:
+    if compression not in exr_writing.COMPRESSIONS:
         raise ValueError(
-            f"compression must be one of {', '.join(exr.COMPRESSIONS)}; "
+            f"compression must be one of {', '.join(exr_writing.COMPRESSIONS)}; "
             f"got {compression!r}."
         )
     if suffix != ".exr" and pixels.shape[-1] not in (1, 3):
         raise ValueError(f"{suffix} holds 1 or 3 channels; got {pixels.shape[-1]}.")
     with replacing(path) as temporary:
         if suffix == ".exr":
-            exr.write_exr(
-                temporary, pixels, attributes or {}, channels,
-                half=half, compression=compression, layout=layout,
-            )  # fmt: skip
+            exr_writing.write_exr(
+                temporary,
+                pixels,
+                attributes or {},
+                channels,
+                half=half,
+                compression=compression,
+                layout=layout,
+            )
         elif suffix == ".hdr":
             other.write_other(
                 temporary, np.broadcast_to(pixels, (*pixels.shape[:2], 3))

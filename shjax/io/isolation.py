@@ -28,7 +28,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from shjax.io import reading
+from shjax.io import readers
 from shjax.io.decoded import Decoded, from_array, telling_size
 
 SECONDS = 5.0
@@ -189,7 +189,7 @@ def stop() -> None:
 
 
 def read(path: Path, **options: Any) -> Decoded:
-    """As :func:`shjax.io.reading.read`, in a worker.
+    """Read an image in a worker process, as :func:`shjax.io.readers.read` does.
 
     Raises:
         OSError: If the file cannot be opened.
@@ -298,8 +298,8 @@ def _serve() -> None:
                 _bounded_memory(options["max_pixels"]),
                 telling_size(lambda pixels: _send(answers, _Size(pixels))),
             ):
-                image = reading.read(Path(place), called=path, **options)
-                with reading.naming(path):
+                image = readers.read(Path(place), called=path, **options)
+                with readers.naming(path):
                     _write(target, image)
             answer: Any = image.shape, image.kind, image.layout, image.matrix
         except (OSError, ValueError) as error:

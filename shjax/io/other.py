@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from shjax.io.colour import decode_srgb, divided_by_alpha
+from shjax.colour import decode_srgb
+from shjax.io.colour_spaces import divided_by_alpha
 from shjax.io.decoded import Decoded, check_size, colour_channels, from_array
 from shjax.io.quiet import quiet
 

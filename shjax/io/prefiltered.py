@@ -16,10 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from shjax.adapted import family
-from shjax.adapted.ggx import DEGREES, LEVELS, NODES, node_alphas
 from shjax.ibl import PrefilteredLight
-from shjax.ibl.prefiltering import level_shape
+from shjax.ibl.ggx_tables import DEGREES, LEVELS, NODES, ggx_tables, node_alphas
+from shjax.ibl.prefiltered_light import level_shape
 from shjax.io.images import write_image
 from shjax.io.writing import write_text
 from shjax.lights import CapLights
@@ -38,14 +37,14 @@ _HOW = [
     "w_k = (base + slope F0) * (1 if q = 0, sqrt 2 Re z^q if q > 0, sqrt 2 Im z^|q| if"
     " q < 0)",
     "E = sum over q = 0 of (base + slope) uniform_k, uniform linear between levels as maps",
-    "glossy = (1 + F0 (1 - E) / E) (sum_k w_k map_k(R) + GGX of each small light)",
+    "glossy = (1 + F0 (1 - E) / E) (sum_k w_k map_k(R) + GGX of each light source)",
     "matte = albedo (1 - metallic) / pi (sum_i irradiance_i Y_i(n) + sum flux max(n.l, 0))",
     "Y_i: real orthonormal harmonics without Condon-Shortley phase, i = l (l + 1) + m",
 ]
 
 
 def lights_as_json(lights: CapLights) -> list[dict]:
-    """Centre, half angle in degrees, and flux (radiance times solid angle) of each."""
+    """Describe lights as JSON: centre, half angle in degrees, flux."""
     rows = zip(
         np.asarray(lights.directions, float).tolist(),
         np.degrees(np.asarray(lights.angles, float)).tolist(),
@@ -56,7 +55,7 @@ def lights_as_json(lights: CapLights) -> list[dict]:
 
 
 def write_prefiltered(path: str | os.PathLike, light: PrefilteredLight) -> None:
-    """Write maps, tables and lights: an EXR, and a JSON of the same name.
+    """Write a prefiltered light for a renderer: an EXR of maps, a JSON of tables.
 
     Args:
         path: Of the EXR.
@@ -71,7 +70,7 @@ def write_prefiltered(path: str | os.PathLike, light: PrefilteredLight) -> None:
         raise ValueError(f"path must end in .exr; got {path}.")
     if light.texels.ndim != 3:
         raise ValueError(f"light must be one light; got shape {light.texels.shape}.")
-    fit, channels = family(light.maps), light.texels.shape[-1]
+    fit, channels = ggx_tables(light.maps), light.texels.shape[-1]
     shapes = [level_shape(level) for level in range(LEVELS)]
     tall, wide = sum(rows for rows, _ in shapes), max(columns for _, columns in shapes)
     image, top, levels = np.zeros((tall, wide, light.maps, channels), np.float32), 0, []
@@ -79,13 +78,16 @@ def write_prefiltered(path: str | os.PathLike, light: PrefilteredLight) -> None:
         image[top : top + rows, :columns] = np.asarray(light.level(level))
         levels.append(
             {
-                "alpha": 2.0**-level, "first_row": top, "rows": rows, "columns": columns,
+                "alpha": 2.0**-level,
+                "first_row": top,
+                "rows": rows,
+                "columns": columns,
                 "degree": DEGREES[level],
                 "uniform": (
                     np.sqrt(4 * np.pi) * fit.profiles[level][0, : fit.ranks[0]]
                 ).tolist(),
             }
-        )  # fmt: skip
+        )
         top += rows
     tables = fit.tables.reshape(len(fit.tables), NODES, -1, 2)
     about = {

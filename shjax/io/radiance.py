@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shjax.io import colour
+from shjax.io import colour_spaces
 from shjax.io.decoded import Decoded, check_size, oriented
 
 MAGIC = b"#?"  # the name of the program that wrote it follows: RADIANCE, RGBE, ...
@@ -28,7 +28,7 @@ _SIZE = re.compile(rb"[ \t]*" + _AXIS + rb"[ \t]+" + _AXIS + rb"[ \t]*\r?\n")
 
 
 def read_radiance(path: Path, *, max_pixels: int, primaries: str = "rec709") -> Decoded:
-    """Read a picture as linear Rec. 709, or in its own primaries (``"keep"``).
+    """Read a Radiance picture as linear Rec. 709, or in its own primaries (``"keep"``).
 
     Raises:
         ValueError: If the file is damaged or too large; without the file's name.
@@ -131,10 +131,10 @@ def _primaries(
     given = [space for space in _numbers(fields, "PRIMARIES", 8) if np.any(space)]
     space = given[-1] if given else np.array(_OWN_PRIMARIES)
     if xyz:
-        space = np.array(colour.XYZ)
+        space = np.array(colour_spaces.XYZ)
     elif np.max(np.abs(space - _OWN_PRIMARIES)) < 2e-3:
         return None, []
-    matrix, name = colour.to_rec709(space)
+    matrix, name = colour_spaces.to_rec709(space)
     return matrix, [] if matrix is None else [f"{name} converted to Rec. 709"]
 
 

@@ -58,7 +58,7 @@ def read_pfm(path: Path, *, max_pixels: int) -> Decoded:
 
 
 def read_npy(path: Path, *, max_pixels: int) -> Decoded:
-    """Read an array ``(H, W)`` or ``(H, W, C)`` of real numbers in floating point.
+    """Read a NumPy array ``(H, W)`` or ``(H, W, C)`` of floating-point numbers.
 
     Raises:
         ValueError: If the array is of another kind or too large; without the file's name.

@@ -23,7 +23,7 @@ _inputs: ContextVar[tuple[Path, ...]] = ContextVar("inputs", default=())
 
 @contextlib.contextmanager
 def protecting(*paths: Path) -> Iterator[None]:
-    """Within it, nothing is written over these files."""
+    """Protect files from being overwritten, within it."""
     token = _inputs.set((*_inputs.get(), *paths))
     try:
         yield
@@ -33,7 +33,7 @@ def protecting(*paths: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
-    """A temporary file in the same folder that becomes ``path`` on success.
+    """Write to a temporary file beside ``path`` that becomes it on success.
 
     What a killed process left of the same file is removed.
 
@@ -155,7 +155,7 @@ def write_text(path: str | os.PathLike, text: str) -> None:
 
 
 def json_text(content, *, indent: int | None = None) -> str:
-    """JSON that every reader takes: infinite numbers become null, NaN is refused.
+    """Encode JSON that every reader takes: infinity becomes null, NaN is refused.
 
     Raises:
         ValueError: If a number is NaN: a result that is none.

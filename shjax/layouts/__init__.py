@@ -13,7 +13,7 @@ the image's centre, or the middle of its front face, looks along +x, its right s
 from __future__ import annotations
 
 from shjax.layouts import cubes, discs, latlong, octahedral
-from shjax.layouts.core import Layout as Layout
+from shjax.layouts.layout import Layout as Layout
 
 LAYOUTS = {
     "latlong": latlong.LATLONG,
@@ -31,7 +31,7 @@ LAYOUTS = {
 
 
 def guess_layout(height: int, width: int) -> str:
-    """Name of the first layout with this image's aspect.
+    """Guess the layout of an environment image from its aspect.
 
     Raises:
         ValueError: If no layout has it.

@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from shjax.layouts.core import Layout, Place, from_view_axes, to_view_axes
+from shjax.layouts.layout import Layout, Place, from_view_axes, to_view_axes
 
 FACES = ("px", "nx", "py", "ny", "pz", "nz")
 """Names of the six faces, in the order of the strips."""
@@ -109,7 +109,7 @@ class _Cube:
         return whole
 
     def layout(self) -> Layout:
-        """As the package sees it."""
+        """Layout of these cube faces."""
         return Layout(
             self.aspect, self.charts, self.towards, self.locate, self.solid_angles
         )

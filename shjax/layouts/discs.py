@@ -16,7 +16,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from shjax.layouts.core import Layout, Place, from_view_axes, to_view_axes, unit_square
+from shjax.layouts.layout import (
+    Layout,
+    Place,
+    from_view_axes,
+    to_view_axes,
+    unit_square,
+)
 
 
 def _angular_theta(rho):

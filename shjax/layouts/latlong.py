@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shjax.layouts.core import Layout, Place
+from shjax.layouts.layout import Layout, Place
 from shjax.sphere import latlong_pixels, latlong_solid_angles, spherical_directions
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shjax.layouts.core import Layout, Place, unit_square
+from shjax.layouts.layout import Layout, Place, unit_square
 
 
 def _charts(height: int, width: int) -> np.ndarray:

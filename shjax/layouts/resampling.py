@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shjax.layouts import LAYOUTS
-from shjax.layouts.core import Layout
+from shjax.layouts.layout import Layout
 
 _STEPS, _ITERATIONS = 6, 200
 _BALANCED = 1e-5
@@ -30,7 +30,7 @@ def resample(
     shape: tuple[int, int],
     rotation: np.ndarray | None = None,
 ) -> np.ndarray:
-    """An environment image in another layout or another size.
+    """Resample an environment image to another layout or size.
 
     Args:
         image: ``(H, W, C)``.
@@ -45,7 +45,7 @@ def resample(
     if source == "latlong" and target == "latlong" and rotation is None:
         return _average_latlong(image, *shape).astype(image.dtype)
     old, new = LAYOUTS[source], LAYOUTS[target]
-    old = old if rotation is None else old.turned(np.asarray(rotation, np.float64))
+    old = old if rotation is None else old.rotated(np.asarray(rotation, np.float64))
     inside = new.solid_angles(*shape).ravel() > 0
     count = np.count_nonzero(inside)
     if source == "latlong":
@@ -157,10 +157,13 @@ def _balanced(shares: Shares, filled: np.ndarray, spent: np.ndarray) -> Shares:
     # Row and column sums of the shares times 1 + u + v, less those of now.
     sums = block_array([[diags_array(rows), shares], [shares.T, diags_array(columns)]])
     x, _ = cg(
-        sums.tocsr(), np.concatenate([filled - rows, spent - columns]),
-        rtol=0, atol=_BALANCED * float(np.linalg.norm(filled)), maxiter=_ITERATIONS,
+        sums.tocsr(),
+        np.concatenate([filled - rows, spent - columns]),
+        rtol=0,
+        atol=_BALANCED * float(np.linalg.norm(filled)),
+        maxiter=_ITERATIONS,
         M=diags_array(1 / np.concatenate([safe(rows), safe(columns)])),
-    )  # fmt: skip
+    )
     n = filled.size
     entries = shares.tocoo()
     data = entries.data * (1 + x[:n][entries.coords[0]] + x[n:][entries.coords[1]])

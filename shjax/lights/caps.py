@@ -11,21 +11,24 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
-from shjax.brdf.core import frames
+from shjax.arrays import (
+    Array,
+    as_float,
+    check_channels,
+    check_floating,
+    matmul,
+    safe_sqrt,
+    shape_of,
+)
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
-from shjax.sphere import normalize
+from shjax.sphere import frames, normalize
 
 
-@functools.partial(
-    jax.tree_util.register_dataclass,
-    data_fields=("directions", "heights", "flux"),
-    meta_fields=(),
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, repr=False)
 class CapLights:
-    """Uniform caps of the sphere.
+    """Cap lights: uniform spherical caps, such as suns, lamps or a sky.
 
     Attributes:
         directions: Unit vectors to their centres, ``(n, 3)``.
@@ -63,7 +66,7 @@ class CapLights:
 
     @property
     def radiance(self) -> Float[jax.Array, "n C"]:
-        """Flux over solid angle."""
+        """Radiance of each cap: flux over solid angle."""
         solid = 2 * np.pi * jnp.asarray(self.heights)
         flux = jnp.asarray(self.flux)
         return flux / jnp.broadcast_to(solid[:, None], flux.shape)
@@ -72,7 +75,7 @@ class CapLights:
 def cap_light(
     direction: Float[Array, " 3"], angle: float, radiance: Float[Array, " C"]
 ) -> CapLights:
-    """A uniform cap, such as a sphere far away: one light.
+    """Make a uniform spherical cap light, such as a sun: one light.
 
     Args:
         direction: To its centre, of any length.
@@ -80,27 +83,33 @@ def cap_light(
         radiance: Of the cap, ``(C,)``.
 
     Raises:
-        ValueError: If the angle is outside its range.
+        ValueError: If the angle is outside its range or a shape is wrong.
     """
+    _check_light(direction, radiance=radiance)
     if not 0 < angle <= np.pi:
         raise ValueError(f"angle must lie in (0, pi]; got {angle}.")
     towards = normalize(as_float("direction", direction))[None]
-    height = 2 * np.sin(angle / 2) ** 2
-    flux = as_float("radiance", radiance) * (2 * np.pi * height)
+    height = 2 * float(np.sin(angle / 2)) ** 2
+    flux = as_float("radiance", radiance).astype(towards.dtype)
+    flux = flux * (2 * np.pi * height)
     return CapLights(towards, jnp.full(1, height, towards.dtype), flux[None])
 
 
 def directional_light(
     direction: Float[Array, " 3"], irradiance: Float[Array, " C"]
 ) -> CapLights:
-    """A light at infinity without extent, by the irradiance of a surface that faces it.
+    """Make a directional light at infinity, by its irradiance at normal incidence.
 
     Args:
         direction: To the light, of any length.
         irradiance: Perpendicular to it, ``(C,)``; the flux of :class:`CapLights`.
+
+    Raises:
+        ValueError: If a shape is wrong.
     """
+    _check_light(direction, irradiance=irradiance)
     towards = normalize(as_float("direction", direction))[None]
-    flux = as_float("irradiance", irradiance)[None]
+    flux = as_float("irradiance", irradiance).astype(towards.dtype)[None]
     return CapLights(towards, jnp.zeros(1, towards.dtype), flux)
 
 
@@ -109,29 +118,51 @@ def hemisphere_light(
     above: Float[Array, " C"],
     below: Float[Array, " C"],
 ) -> CapLights:
-    """Two constant hemispheres, as sky and ground: two lights.
+    """Make a hemisphere light of two constant halves, sky and ground: two lights.
 
     Args:
         direction: To the middle of the upper one, of any length.
         above: Its radiance, ``(C,)``.
         below: That of the other.
+
+    Raises:
+        ValueError: If a shape is wrong.
     """
+    _check_light(direction, above=above, below=below)
     half = np.pi / 2
     up = cap_light(direction, half, above)
     down = cap_light(-jnp.asarray(direction), half, below)
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), up, down)
 
 
-@functools.partial(jax.jit, static_argnames=("l_max",))
+def _check_light(direction, **colours) -> None:
+    """Refuse what is no vector ``(3,)``, or no colour ``(C,)``."""
+    if shape_of("direction", direction) != (3,):
+        raise ValueError(f"direction must have shape (3,); got {direction.shape}.")
+    check_floating("direction", direction)
+    for name, colour in colours.items():
+        check_channels(name, colour, "C", 1, batch=False)
+
+
 def cap_gains(heights: Float[Array, " n"], *, l_max: int) -> Float[jax.Array, "n L"]:
-    """Mean of each Legendre polynomial over caps: 1 for a direction.
+    """Legendre coefficients of uniform caps, relative to a direction's.
 
     Exact quadrature over ``1 - cos``, so that small caps keep their digits.
 
     Args:
         heights: ``1 - cos`` of the half angles.
         l_max: Highest degree, inclusive. Static.
+
+    Raises:
+        ValueError: If the shape is wrong.
     """
+    if len(shape_of("heights", heights)) != 1:
+        raise ValueError(f"heights must have shape (n,); got {heights.shape}.")
+    return _cap_gains(heights, l_max=l_max)
+
+
+@functools.partial(jax.jit, static_argnames=("l_max",))
+def _cap_gains(heights: Array, *, l_max: int) -> jax.Array:
     x, w = np.polynomial.legendre.leggauss(l_max // 2 + 1)
     heights = as_float("heights", heights)
     nodes, weights = (jnp.asarray(a, heights.dtype) for a in ((1 + x) / 2, w / 2))
@@ -150,7 +181,7 @@ def cap_gains(heights: Float[Array, " n"], *, l_max: int) -> Float[jax.Array, "n
 
 @functools.partial(jax.jit, static_argnames=("l_max",))
 def cap_coefs(lights: CapLights, *, l_max: int) -> Float[jax.Array, "K C"]:
-    """Radiance coefficients of caps and directions, of any degree; differentiable.
+    """Lighting coefficients of cap and directional lights, of any degree.
 
     Args:
         lights: The lights.
@@ -161,13 +192,13 @@ def cap_coefs(lights: CapLights, *, l_max: int) -> Float[jax.Array, "K C"]:
     heights = as_float("heights", lights.heights).astype(flux.dtype)
     gains = cap_gains(heights, l_max=l_max)
     table = jnp.take(gains, degrees(l_max), axis=1) * basis(towards, l_max=l_max)
-    return jnp.matmul(table.T, flux, precision=jax.lax.Precision.HIGHEST)
+    return matmul(table.T, flux)
 
 
 def cap_nodes(
     lights: CapLights, dtype, rings: int, spokes: int
 ) -> tuple[jax.Array, jax.Array]:
-    """Directions ``(n, k, 3)`` over each cap and their shares of its flux, ``(k,)``.
+    """Quadrature directions ``(n, k, 3)`` over each cap and their shares of its flux.
 
     Args:
         lights: The caps.
@@ -179,9 +210,7 @@ def cap_nodes(
     height = jnp.asarray((1 + x) / 2, dtype)  # share of 1 - cos
     turn = 2 * np.pi * np.arange(spokes) / spokes
     fall = jnp.asarray(lights.heights, dtype)[:, None] * height[None]
-    squared = fall * (2 - fall)
-    wide = squared > 0
-    across = jnp.where(wide, jnp.sqrt(jnp.where(wide, squared, 1)), 0)[..., None]
+    across = safe_sqrt(fall * (2 - fall))[..., None]
     frame = frames(jnp.asarray(lights.directions, dtype))
     around = jnp.asarray(np.stack([np.cos(turn), np.sin(turn)], -1), dtype)
     local = jnp.concatenate(

@@ -1,4 +1,4 @@
-"""Taking the brightest small lights out of a lat-long panorama.
+"""Taking the brightest light sources out of a lat-long panorama.
 
 All in JAX with static shapes, so that it jits and its results differentiate with respect
 to the pixels; which pixels belong to a light is taken as given.
@@ -16,12 +16,12 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
-from shjax.brdf.core import frames
+from shjax.arrays import Array, as_float, matmul
+from shjax.colour import luminance
 from shjax.envmap import EnvironmentMap
 from shjax.lights.caps import CapLights
-from shjax.reference import luminance
 from shjax.sphere import (
+    frames,
     latlong_phi,
     latlong_solid_angles,
     latlong_theta,
@@ -33,15 +33,15 @@ _WIDEST = np.radians(3.0)
 _WINDOW = np.radians(7.0)
 _SHARE_OF_PEAK = 0.25
 _SHARE_TAKEN = 0.05  # of the excess: what hangs together with the light
-_LEAST_CONTRAST = 20.0  # of the peak over its surroundings
-_LEAST_FLUX = 0.01  # of the whole light
+_MIN_CONTRAST = 20.0  # of the peak over its surroundings
+_MIN_FLUX = 0.01  # of the whole light
 _RINGS, _SPOKES = 6, 48  # of the samples of the surroundings
 
 
 def split_lights(
     envmap: EnvironmentMap, *, max_lights: int = 4
 ) -> tuple[CapLights, EnvironmentMap]:
-    """Take the brightest small lights out of a lat-long panorama.
+    """Split the brightest light sources (sun, lamps) off a panorama.
 
     One after the other: the connected pixels about the brightest one whose excess over
     the surroundings is above a twentieth of its own become a cap of the same flux in each
@@ -77,7 +77,7 @@ def split_lights(
 def take_lights(
     radiance: Float[Array, "H W C"], *, max_lights: int
 ) -> tuple[CapLights, Float[Array, "H W C"]]:
-    """:func:`split_lights` of an array; lights that were not found have no flux.
+    """Split light sources off an array; those that were not found have no flux.
 
     Args:
         radiance: Panorama as it is stored.
@@ -151,13 +151,13 @@ def _take_one(image: jax.Array, grey: jax.Array, whole: jax.Array, grid: _Band):
     away = fall(middle)
     bright = (away < _height(_WINDOW)) & (shade - level > _SHARE_TAKEN * excess)
     region = _connected(bright, seed)
-    stands_out = (excess > 0) & (brightest >= _LEAST_CONTRAST * jnp.maximum(level, 0))
+    stands_out = (excess > 0) & (brightest >= _MIN_CONTRAST * jnp.maximum(level, 0))
     # A pixel is bright that the light touches: its centre may lie half of it further out.
     reach = _WIDEST + np.pi / height / np.sqrt(2)
     small = jnp.all(jnp.where(region, away, 0) < _height(reach))
     taken = jnp.where(region[..., None], jnp.maximum(band - around[None, None], 0), 0)
     flux = jnp.sum(taken * solid[:, None, None], axis=(0, 1))
-    found = stands_out & small & (luminance(flux) >= _LEAST_FLUX * whole)
+    found = stands_out & small & (luminance(flux) >= _MIN_FLUX * whole)
     amount = luminance(taken) * solid[:, None]
     direction, cap = _moments(amount, pixels, _off_centre(means, grid), found)
     taken = jnp.where(found, taken, 0)
@@ -215,13 +215,13 @@ def _moments(flux: jax.Array, pixels: jax.Array, off: jax.Array, found):
     upright = jnp.zeros(3, flux.dtype).at[2].set(1)
     axis = jnp.where(found, normalize(jnp.where(found, moment, upright)), upright)
     fall = jnp.sum((pixels - axis[None, None]) ** 2, axis=-1) / 2
-    lost = jnp.sum(flux * (fall - jnp.matmul(off, axis, precision="highest"))) / total
+    lost = jnp.sum(flux * (fall - matmul(off, axis))) / total
     # The mean cosine of a cap is 1 - height / 2.
     return axis, jnp.where(found, 2 * lost, 0)
 
 
 def _mean_less_centre(height: int, width: int) -> np.ndarray:
-    """Mean direction of a pixel less its centre, across and up: one a row, ``(H, 2)``."""
+    """Mean direction of a pixel less its centre, across and up: one per row, ``(H, 2)``."""
     half, theta = np.pi / (2 * height), latlong_theta(height)
     between = 2 * np.sin(theta) * np.sin(half)  # of the cosines of the row's edges
     across = half - np.cos(2 * theta) * np.sin(2 * half) / 2

@@ -19,7 +19,7 @@ Vector = Sequence[Number] | np.ndarray
 
 @dataclasses.dataclass(frozen=True)
 class Camera:
-    """A camera that looks from ``origin`` at ``target``.
+    """Camera, perspective or orthographic, that looks from ``origin`` at ``target``.
 
     Attributes:
         origin: Where it stands.

@@ -22,22 +22,10 @@ from shjax.render.camera import Camera, camera_rays, check_camera
 from shjax.sphere import normalize
 
 
-@functools.partial(
-    jax.tree_util.register_dataclass,
-    data_fields=(
-        "normals",
-        "mask",
-        "views",
-        "albedo",
-        "tangents",
-        "roughness",
-        "metallic",
-    ),
-    meta_fields=(),
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class GBuffer:
-    """What a picture shows, per pixel.
+    """G-buffer: normals, views, coverage and material of each pixel of a picture.
 
     Attributes:
         normals: Unit normals ``(H, W, 3)``; zero where nothing is seen.
@@ -57,6 +45,13 @@ class GBuffer:
     roughness: Float[Array, "H W"] | None = None
     metallic: Float[Array, "H W"] | None = None
 
+    def __repr__(self) -> str:
+        """Its size and what each pixel has, in one line."""
+        names = [field.name for field in dataclasses.fields(self)]
+        held = [name for name in names if getattr(self, name) is not None]
+        size = " x ".join(str(n) for n in np.shape(self.mask)[::-1])
+        return f"GBuffer: {size}; {', '.join(held)}"
+
 
 def make_gbuffer(
     normals: Float[Array, "H W 3"],
@@ -65,7 +60,7 @@ def make_gbuffer(
     views: Float[Array, "H W 3"] | None = None,
     albedo: Float[Array, "*shape"] | float = 1.0,
 ) -> GBuffer:
-    """A G-buffer from arrays of a user's own.
+    """Make a G-buffer from arrays of normals, views and albedo.
 
     Args:
         normals: Normals of any length; zero where nothing is seen.
@@ -110,7 +105,7 @@ def sphere(
     albedo: float = 1.0,
     tangents: bool = False,
 ) -> GBuffer:
-    """The unit sphere at the origin.
+    """Render the G-buffer of the unit sphere at the origin.
 
     Args:
         size: Pixels of a square picture, or (height, width).
@@ -182,7 +177,7 @@ def _hit_sphere(origins: jax.Array, directions: jax.Array):
 def footprints(
     size: int | tuple[int, int], camera: Camera | None = None, *, samples: int = 4
 ) -> Float[jax.Array, "H W S 3"]:
-    """Normals of the unit sphere at the parts of each pixel.
+    """Normals of the unit sphere at the parts of each pixel, for antialiased estimates.
 
     For :func:`shjax.estimate_lighting`: a pixel holds the mean over its parts, those on
     an outline with the black background.

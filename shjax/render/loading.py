@@ -15,7 +15,7 @@ _SURFACE = "shjax_surface"  # where a mesh's own material is kept
 
 
 def load_mesh(path: str | os.PathLike) -> Any:
-    """Read OBJ, OFF, PLY, glTF or what else trimesh reads, as one mesh.
+    """Load a mesh: OBJ, OFF, PLY, glTF or what else trimesh reads, as one.
 
     Normals are the file's own, hard edges included; smooth ones are made where it gives
     none. Its material is kept beside it, see :func:`trace_mesh`.
@@ -53,13 +53,13 @@ def load_mesh(path: str | os.PathLike) -> Any:
 
 
 def not_drawn(mesh: Any) -> tuple[str, ...]:
-    """What the material of a mesh from :func:`load_mesh` says and is not drawn."""
+    """List what a mesh's material says and is not drawn."""
     surface = material_of(mesh)
     return () if surface is None else surface.ignored
 
 
 def material_of(mesh: Any) -> Surface | None:
-    """The material of a mesh from :func:`load_mesh`; None if its file has none."""
+    """Material of a mesh from :func:`load_mesh`; None if its file has none."""
     return mesh.metadata.get(_SURFACE)
 
 
@@ -90,9 +90,11 @@ def _placed(trimesh: Any, mesh: Any, place: np.ndarray) -> Any:
     """A copy without its looks, at its place in the scene."""
     normals = mesh.vertex_normals if _own_normals(mesh) else None
     copy = trimesh.Trimesh(
-        np.array(mesh.vertices), np.array(mesh.faces), vertex_normals=normals,
+        np.array(mesh.vertices),
+        np.array(mesh.faces),
+        vertex_normals=normals,
         process=False,
-    )  # fmt: skip
+    )
     return copy.apply_transform(place)
 
 

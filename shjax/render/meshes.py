@@ -20,13 +20,13 @@ from shjax.render.camera import Camera, camera_rays, check_camera
 from shjax.render.gbuffer import GBuffer
 from shjax.render.loading import load_mesh, material_of
 
-_LEAST_COSINE = 0.02  # interpolated normals that turn away are bent to be seen
+_MIN_COSINE = 0.02  # interpolated normals that turn away are bent to be seen
 _RAYS_AT_ONCE = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trace:
-    """A mesh seen by a camera.
+    """Mesh seen by a camera: G-buffer, positions and geometry.
 
     Attributes:
         gbuffer: What the picture shows.
@@ -48,7 +48,7 @@ def mesh(
     albedo: float = 1.0,
     material: bool = False,
 ) -> GBuffer:
-    """The G-buffer of a mesh: :func:`trace_mesh` without the rest.
+    """Render the G-buffer of a mesh by ray casting.
 
     Args:
         path: OBJ, OFF or PLY.
@@ -196,14 +196,14 @@ def _facing(normals: np.ndarray, views: np.ndarray) -> np.ndarray:
         np.linalg.norm(normals, axis=1, keepdims=True), 1e-12
     )
     cosine = np.sum(normals * views, axis=1, keepdims=True)
-    bent = normals + np.maximum(_LEAST_COSINE - cosine, 0) * views
+    bent = normals + np.maximum(_MIN_COSINE - cosine, 0) * views
     return bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)
 
 
 def visibility(
     trace: Trace, directions: Float[Array, "N 3"]
 ) -> Bool[np.ndarray, "H W N"]:
-    """Which directions each pixel's surface sees past the rest of the mesh.
+    """Visibility of directions from each pixel's surface past the rest of the mesh.
 
     Args:
         trace: From :func:`trace_mesh`.

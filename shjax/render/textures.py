@@ -31,7 +31,7 @@ class _Part:
     ignored: tuple[str, ...] = ()
 
     def at(self, faces: np.ndarray, shares: np.ndarray) -> np.ndarray:
-        """As :meth:`Surface.at`, by this part's own faces."""
+        """Material at points of this part's faces, as :meth:`Surface.at`."""
         uv = np.zeros((faces.size, 2))
         if self.corners is not None:
             uv = np.einsum("nk,nki->ni", shares, self.corners[faces])
@@ -46,13 +46,13 @@ class _Part:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh's own materials, part by part, in the order of its faces."""
+    """Materials of a mesh, part by part, in the order of its faces."""
 
     parts: tuple[_Part, ...]
 
     @property
     def ignored(self) -> tuple[str, ...]:
-        """What the file says and is not drawn."""
+        """Properties that the file gives and that are not drawn."""
         return tuple(sorted({name for part in self.parts for name in part.ignored}))
 
     def at(self, faces: np.ndarray, shares: np.ndarray) -> np.ndarray:
@@ -71,7 +71,7 @@ class Surface:
 
 
 def surface_of(parts: Any, header: dict) -> Surface | None:
-    """The materials of trimesh meshes as they were loaded; None if there are none.
+    """Materials of trimesh meshes as they were loaded; None if there are none.
 
     Args:
         parts: Pairs of faces ``(F, 3)`` and the ``visual`` of their vertices.

@@ -1,0 +1,105 @@
+"""Projection of a BRDF on spherical harmonics by quadrature that settles."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from shjax.arrays import einsum
+from shjax.brdf.core import Brdf
+from shjax.brdf.quadrature import (
+    Resolution,
+    first_resolution,
+    moments,
+    order_counts,
+    view_nodes,
+)
+from shjax.harmonics.legendre import legendre
+
+_MAX_NODES = 400  # in each piece of theta_i; beyond, the error stands as it is
+
+
+@dataclasses.dataclass(frozen=True)
+class Projection:
+    """Coefficients and energies of one quadrature, arrays as in ``BrdfExpansion``."""
+
+    rho: jax.Array
+    degree_energy: jax.Array
+    total_energy: jax.Array
+
+
+@functools.partial(
+    jax.jit, static_argnames=("resolution", "l_max", "p_max", "q_max", "dtype")
+)
+def _integrate(
+    brdf: Brdf, *, resolution: Resolution, l_max: int, p_max: int, q_max: int, dtype
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    found = moments(brdf, resolution, l_max, q_max, dtype)
+    theta, weight = view_nodes(resolution.view)
+    functions = np.stack(
+        [legendre(p_max, q, np.cos(theta), np.sin(theta)) for q in range(p_max + 1)], -1
+    )  # [p, o, q]
+    onto = jnp.asarray(2 * np.pi * functions * weight[:, None], dtype)
+    rho = einsum("olqc,poq->lpqc", found.values[:, :, : p_max + 1], onto)
+    # Parseval in the view: 2 pi int G_lq^2 sin to d to = sum_p rho_lpq^2.
+    solid = jnp.asarray(2 * np.pi * weight, dtype)
+    counts = jnp.asarray(order_counts(q_max), dtype)
+    energy = einsum("olqc,o,q->lc", found.values**2, solid, counts)
+    return rho, energy, einsum("oc,o->c", found.power, solid)
+
+
+def settled(
+    brdf: Brdf,
+    l_max: int,
+    p_max: int,
+    q_max: int,
+    accuracy: float,
+    resolution: Resolution | None,
+) -> tuple[Projection, jax.Array, Resolution]:
+    """Integrate with the nodes doubled until the coefficients hold still.
+
+    The high orders q > p_max count in the energies alone: they join in the last run.
+    """
+    if not accuracy > 0:
+        raise ValueError(f"accuracy must be positive; got {accuracy}.")
+    dtype = brdf.parts[0].weight.dtype
+
+    def run(nodes: Resolution, q: int) -> Projection:
+        nodes = dataclasses.replace(nodes, phi=max(nodes.phi, 16 + (3 * q) // 2))
+        return Projection(
+            *_integrate(
+                brdf, resolution=nodes, l_max=l_max, p_max=p_max, q_max=q, dtype=dtype
+            )
+        )
+
+    used = resolution or first_resolution(l_max, p_max)
+    if resolution is not None or any(
+        isinstance(x, Tracer) for x in jax.tree.leaves(brdf)
+    ):
+        used = resolution or used.doubled()
+        with jax.debug_nans(False):  # this one is meant: the error is not known
+            unknown = jnp.asarray(np.nan, dtype)
+        return run(used, q_max), unknown, used
+    limit = max(accuracy, 30 * float(jnp.finfo(dtype).eps))
+    found, error, coarse = run(used, p_max), np.inf, used
+    while error > limit and used.light < _MAX_NODES:
+        coarse, before = used, found
+        used = used.doubled()
+        found = run(used, p_max)
+        energies = _change(found.total_energy, before.total_energy)
+        error = max(_change(found.rho, before.rho), energies)
+    if q_max > p_max:
+        # By the coarser nodes, whose error is what was measured.
+        energies = run(coarse, q_max).degree_energy
+        found = dataclasses.replace(found, degree_energy=energies)
+    return found, jnp.asarray(error, dtype), used
+
+
+def _change(value: jax.Array, before: jax.Array) -> float:
+    norm = float(jnp.linalg.norm(value.ravel()))
+    return float(jnp.linalg.norm((value - before).ravel())) / (norm or 1.0)

@@ -1,0 +1,1 @@
+"""Least squares: compression by QR, priors, reweighting, and the estimate reported."""

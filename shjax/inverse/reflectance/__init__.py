@@ -1,0 +1,1 @@
+"""Reflectance: lobes, their parameters by nonlinear search, free coefficients."""

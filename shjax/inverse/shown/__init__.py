@@ -1,0 +1,1 @@
+"""What pixels show: surfaces, what they receive of the light, pictures predicted."""
