@@ -262,6 +262,10 @@ def test_any_text_of_an_option_is_taken_or_refused_by_name(name, tmp_path, monke
         (lambda e, b: shjax.reflection.fit_low_rank((b, 1)), "read_cornell"),
         (lambda e, b: shjax.window(np.ones(3), "hann"), "name must be .* got ndarray"),
         (
+            lambda e, b: shjax.prefilter(NINE, expansion(31)),
+            "lighting and rho .* 3 and 31",
+        ),
+        (
             lambda e, b: shjax.convert(np.ones((9, 3), np.float32), "4"),
             "to must be one",
         ),
@@ -274,6 +278,34 @@ def test_the_error_says_what_to_pass_instead(call, words):
 
 
 FACING = (np.array([[0, 0, 1]], np.float32),) * 2
+NINE = np.ones((9, 3), np.float32)
+
+
+def expansion(channels):
+    return shjax.brdf.expand(shjax.brdf.lambertian([0.5] * channels), l_max=2, p_max=2)
+
+
+def test_a_texture_of_one_channel_is_a_roughness():
+    light = shjax.prefilter_light(NINE)
+    normals, views = (np.broadcast_to(a, (2, 3, 3)) for a in FACING)
+    rough = np.linspace(0.3, 0.8, 6, dtype=np.float32).reshape(2, 3)
+    for name in ("roughness", "metallic"):
+        given = {"albedo": 0.5, "roughness": 0.5, "metallic": 0.2}
+        flat = shjax.shade(light, normals, views, **{**given, name: rough})
+        deep = shjax.shade(light, normals, views, **{**given, name: rough[..., None]})
+        np.testing.assert_array_equal(deep, flat)
+
+
+def test_lights_of_an_ambiguous_shape_take_an_axis_in_front():
+    """n lights of 2 n coefficients have the shape of a panorama."""
+    batch = np.ones((18, 36, 3), np.float32)
+    assert shjax.prefilter_light(batch).texels.ndim == 3
+    assert shjax.prefilter_light(batch[None]).texels.shape[:2] == (1, 18)
+
+
+def test_a_gbuffer_is_described_in_one_line():
+    ball = shjax.render.sphere(4)
+    assert repr(ball) == "GBuffer: 4 x 4; normals, mask, views, albedo"
 
 
 @pytest.mark.usefixtures("as_a_user")
@@ -302,3 +334,5 @@ def test_three_has_its_usual_names(name, tmp_path):
     np.testing.assert_array_equal(shjax.convert(nine, name), exact)
     shjax.io.write_coefs(tmp_path / "a.json", nine, name)
     assert "LightProbe" in (tmp_path / "a.json").read_text()
+    paths = [str(tmp_path / "a.json"), str(tmp_path / "b.json")]
+    assert CliRunner().invoke(convert, [*paths, "--to", name]).exit_code == 0

@@ -36,7 +36,8 @@ class FormatName(click.Choice):
 
     def convert(self, value, param, ctx):
         """The format's own name."""
-        return super().convert(OTHER_NAMES.get(value.lower(), value), param, ctx)
+        name = value.lower()
+        return super().convert(OTHER_NAMES.get(name, name), param, ctx)
 
 
 @dataclasses.dataclass(frozen=True)

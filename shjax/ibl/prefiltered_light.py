@@ -147,7 +147,8 @@ def prefilter_light(
     Args:
         light_or_lighting: An environment map or a lat-long panorama; or radiance
             coefficients, several lights in front. An array ``(n, 2 n, C)`` of at least 16
-            rows is a panorama. What lies beyond degree 128 is not used.
+            rows is a panorama: n lights of 2 n coefficients each take one axis more in
+            front. What lies beyond degree 128 is not used.
         maps: 4, 9, 16 or 21: few are small and fast, many are accurate. Static.
         max_lights: At most so many suns and lamps of a lat-long map are split off and
             shaded exactly (:func:`shjax.split_lights`). Coefficients have none. Static.
