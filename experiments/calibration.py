@@ -25,7 +25,7 @@ from experiments.data import PANORAMAS, data_folder
 from experiments.versions import versions
 from experiments.writing import markdown_table, write_result
 from shjax import io
-from shjax.sphere import normalize
+from shjax.vectors import normalize
 
 TRUTH = 40
 NOISES = (0.003, 0.01, 0.03, 0.1)  # of the picture's mean

@@ -37,7 +37,7 @@ def build(out: Path) -> None:
     pdoc.doc_types.safe_eval_type = as_written
     pdoc.doc.safe_eval_type = as_written
     pdoc.render.configure(docformat="google")
-    for name in shjax.__all__:  # those that are imported late, too
+    for name in dir(shjax):  # those that are imported late, too
         setattr(shjax, name, getattr(shjax, name))
     for room in pkgutil.walk_packages(shjax.__path__, "shjax."):
         parent, _, name = room.name.rpartition(".")

@@ -23,6 +23,7 @@ import jax.numpy as jnp
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import shjax
+import shjax.vectors
 from experiments.alternatives import importance
 from experiments.prefiltering import (
     SIZE,
@@ -97,7 +98,7 @@ def run(size: int = SIZE, exponents: tuple[int, ...] = tuple(PAPER)) -> dict:
 
 
 def _draw(exponent: float, n: int, normals, views) -> importance.Drawn:
-    return importance.draw_phong(exponent, n, shjax.sphere.mirror(normals, views))
+    return importance.draw_phong(exponent, n, shjax.vectors.mirror(normals, views))
 
 
 def table(result: dict) -> str:

@@ -23,6 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import shjax
+import shjax.vectors
 from experiments.alternatives import importance
 from experiments.prefiltering import (
     SIZE,
@@ -59,7 +60,7 @@ def run(size: int = SIZE, sigmas: tuple[float, ...] = tuple(PAPER)) -> dict:
     theta = np.arctan2(np.hypot(towards[:, 0], towards[:, 1]), towards[:, 2])
     frame = _spherical_frames(theta, phi)
     views = jnp.asarray(np.einsum("nij,i->nj", frame, chosen), jnp.float32)
-    normals = shjax.sphere.normalize(directions + views)
+    normals = shjax.vectors.normalize(directions + views)
     rows = []
     for sigma in sigmas:
         f, p, image, whole, own = PAPER[sigma]

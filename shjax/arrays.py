@@ -30,7 +30,22 @@ def as_float(name: str, value) -> jax.Array:
     Raises:
         ValueError: If ``value`` does not hold real floating-point numbers.
     """
-    return jnp.asarray(value, float_type(name, value))
+    return as_type(value, float_type(name, value))
+
+
+def as_type(value, dtype) -> jax.Array:
+    """JAX array of a type; what NumPy holds is converted by NumPy: nothing is compiled."""
+    if not isinstance(value, jax.Array):
+        value = np.asarray(value, dtype)
+    return jnp.asarray(value, dtype)
+
+
+def numpy_or_jax(*arrays) -> Any:
+    """The module for eager arithmetic: NumPy, or JAX where something is being traced.
+
+    JAX compiles each operation outside ``jit``, for each shape; NumPy does not.
+    """
+    return jnp if any(isinstance(a, Tracer) for a in arrays) else np
 
 
 def float_type(name: str, value) -> np.dtype:
@@ -178,7 +193,7 @@ def as_number_or_float(name: str, value, dtype) -> jax.Array:
     if isinstance(value, (bool, int, float)) or value is None:
         if value is None or isinstance(value, bool):
             raise ValueError(f"{name} must be a number or an array; got {value!r}.")
-        return jnp.asarray(value, dtype)
+        return as_type(value, dtype)
     try:
         given = value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype
     except ValueError:
@@ -190,7 +205,7 @@ def as_number_or_float(name: str, value, dtype) -> jax.Array:
     if not (listed or given == np.dtype(bool) or jnp.issubdtype(given, jnp.floating)):
         hint = " (8-bit values 0 to 255? divide by 255)" if given == np.uint8 else ""
         raise ValueError(f"{name} must hold floating-point numbers; got {given}{hint}.")
-    return jnp.asarray(value, dtype)
+    return as_type(value, dtype)
 
 
 def picture_size(size) -> tuple[int, int]:

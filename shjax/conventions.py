@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import Array, as_float
+from shjax.clamped_cosine import cosine_kernel_table
 from shjax.harmonics import rotate
 from shjax.harmonics.degrees import degree_of_coefs, degrees, orders
-from shjax.irradiance import cosine_kernel_table
 
 
 def _radiance(l_max: int) -> np.ndarray:

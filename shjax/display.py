@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import check_channels, known_values
-from shjax.colour import LUMINANCE, decode_srgb, encode_srgb
+from shjax.colour import LUMINANCE
+from shjax.srgb import decode_srgb, encode_srgb
 
 OPERATORS = ("reinhard", "linear", "aces")
 _ACES = ("sRGB - Display", "ACES 2.0 - SDR 100 nits (Rec.709)")

@@ -156,17 +156,13 @@ class EnvironmentMap:
             return SAMPLES
         return "pixel" if min(self.radiance.shape[:2]) < 2 * l_max + 1 else "fejer"
 
-    def samples(self) -> tuple[Array, np.ndarray, np.ndarray]:
+    def samples(self) -> tuple[Array, Array, Array]:
         """Light samples: radiance ``(N, C)``, directions ``(N, 3)``, weights ``(N,)``.
 
         The quadrature weights of a lat-long map are Fejer's, those of others solid angles.
         """
         if self.directions is not None and self.solid_angles is not None:
-            return (
-                self.radiance,
-                np.asarray(self.directions),
-                np.asarray(self.solid_angles),
-            )
+            return self.radiance, self.directions, self.solid_angles
         return panorama_samples(self.radiance)
 
     def to_latlong(self, n_theta: int) -> EnvironmentMap:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import Array, check_channels, shape_of
@@ -14,7 +13,7 @@ from shjax.envmap import EnvironmentMap, make_envmap, panorama_samples
 Light: TypeAlias = EnvironmentMap | Float[Array, "n_theta n_phi C"]
 
 
-def light_samples(light: Light) -> tuple[Array, np.ndarray, np.ndarray]:
+def light_samples(light: Light) -> tuple[Array, Array, Array]:
     """Samples of a light given as an environment map or as a lat-long panorama array.
 
     Args:

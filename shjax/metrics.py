@@ -19,8 +19,8 @@ from jaxtyping import Bool, Float
 from shjax import render
 from shjax.arrays import Array, as_float, as_number_or_float, safe_sqrt, shape_of
 from shjax.brdf import ggx, lambertian
+from shjax.clamped_cosine import irradiance
 from shjax.harmonics.degrees import degree_of_coefs, degrees
-from shjax.irradiance import irradiance
 
 MATTE_SILVER = 0.3  # the glossy sphere's GGX alpha, f0 = 1
 

@@ -21,11 +21,12 @@ import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import Array, as_float, check_count, known_values, matmul
+from shjax.clamped_cosine import irradiance, irradiance_coefs
 from shjax.harmonics.degrees import check_l_max, degree_of_coefs, scale_degrees
 from shjax.harmonics.evaluation import basis
 from shjax.harmonics.spectrum import laplacian
-from shjax.irradiance import irradiance, irradiance_coefs
-from shjax.sphere import fibonacci_directions, normalize
+from shjax.sphere import fibonacci_directions
+from shjax.vectors import normalize
 
 _WINDOWS = {
     "none": lambda x: np.ones_like(x),

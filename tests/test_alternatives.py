@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.harmonics
 from experiments.alternatives import importance, irradiance, split_sum, view_textures
 from experiments.speed.methods import Draw
 from shjax import brdf

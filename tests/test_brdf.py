@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.vectors
 from shjax import brdf
 from shjax.brdf.core import Local, transfer_local
 from shjax.brdf.ggx import albedo_at, albedo_terms, directional_albedo
 from shjax.brdf.measured import _half_difference
 from shjax.brdf.models import squared_angle
 from shjax.brdf.zernike import zernike_products
-from shjax.sphere import frames, spherical_directions
+from shjax.sphere import spherical_directions
+from shjax.vectors import frames
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -510,7 +512,7 @@ def test_gradients(name, where):
         )
 
     def out(arguments, towards, seen):
-        towards, seen = (shjax.sphere.normalize(a) for a in (towards, seen))
+        towards, seen = (shjax.vectors.normalize(a) for a in (towards, seen))
         tangent = jnp.asarray(spherical_directions(np.array(0.7), np.array(0.4)))
         return (
             brdf.transfer(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.vectors
 from experiments.data import PANORAMAS
 from shjax import brdf, io
 from shjax.envmap import make_envmap
@@ -250,7 +251,7 @@ def test_cap_coefficients_and_shading_are_the_integral(rng):
     height = 1 - (1 - np.cos(gamma)) * (1 + x) / 2
     phi = 2 * np.pi * (np.arange(80) + 0.5) / 80
     local = spherical_directions(np.arccos(height)[:, None], phi).reshape(-1, 3)
-    frame = np.asarray(shjax.sphere.frames(jnp.asarray(axis)))[0]
+    frame = np.asarray(shjax.vectors.frames(jnp.asarray(axis)))[0]
     weights = np.repeat(w * (1 - np.cos(gamma)) / 2, 80) * 2 * np.pi / 80
     towards = jnp.asarray(local @ frame)
     exact = shjax.project_samples(
@@ -262,7 +263,7 @@ def test_cap_coefficients_and_shading_are_the_integral(rng):
     assert relative_error(coefs, exact) < 1e-12
     np.testing.assert_allclose(np.sum(weights) * np.array([2.0, 3.0]), lights.flux[0])
     normals = jnp.asarray(unit_vectors(rng, 30))
-    views = shjax.sphere.normalize(normals + 0.4 * jnp.asarray(unit_vectors(rng, 30)))
+    views = shjax.vectors.normalize(normals + 0.4 * jnp.asarray(unit_vectors(rng, 30)))
     model = brdf.lambertian(0.3) + brdf.ggx(0.5, 0.2)
     samples = (np.tile([2.0, 3.0], (3200, 1)), towards, weights)
     samples = [jnp.asarray(a) for a in samples]
@@ -278,7 +279,7 @@ def test_cap_coefficients_and_shading_are_the_integral(rng):
     assert relative_error(found[lit], exact[lit]) < 2e-3
     check_gradients(
         lambda d, r, a: cap_reflection(
-            CapLights(shjax.sphere.normalize(d), lights.heights, r),
+            CapLights(shjax.vectors.normalize(d), lights.heights, r),
             brdf.ggx(a, 0.2),
             normals[lit],
             views[lit],

@@ -12,8 +12,8 @@ from shjax import brdf, io
 from shjax.brdf import truncation
 from shjax.brdf.core import Local, transfer_local
 from shjax.brdf.quadrature import Resolution, order_counts
+from shjax.clamped_cosine import cosine_kernel_table
 from shjax.harmonics.grid import Grid
-from shjax.irradiance import cosine_kernel_table
 from tests.helpers import check_gradients, relative_error
 from tests.test_brdf import models
 

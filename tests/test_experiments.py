@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.vectors
 from experiments import (
     figures_5,
     lighting_layer,
@@ -121,7 +122,7 @@ def test_importance_sampling_is_the_integral(dtype):
     model = brdf.phong(12.0)
 
     def draw(n, v, count=4096):
-        return importance.draw_phong(12.0, count, shjax.sphere.mirror(n, v))
+        return importance.draw_phong(12.0, count, shjax.vectors.mirror(n, v))
 
     exact = shjax.reference_reflection(panorama, model, towards, towards)
     found = importance.reflect(
@@ -130,7 +131,7 @@ def test_importance_sampling_is_the_integral(dtype):
     assert relative_error(found, exact) < 0.02
     levels = importance.pyramid(jnp.ones((32, 32, 3), dtype))
     sigma, few = brdf.gaussian_microfacet(0.3), 256
-    views = shjax.sphere.normalize(towards + 0.3)
+    views = shjax.vectors.normalize(towards + 0.3)
     found = importance.reflect(
         levels,
         sigma,

@@ -7,6 +7,7 @@ import pytest
 from scipy.special import sph_harm_y
 
 import shjax
+import shjax.harmonics
 from shjax.harmonics import degrees as layout
 from shjax.harmonics.grid import Grid, make_grid
 from shjax.sphere import latlong_directions

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.sphere
 from experiments import low_rank_tables
 from experiments.data import PANORAMAS
 from shjax import brdf, ibl, io
@@ -17,7 +18,7 @@ from shjax.envmap import make_envmap
 from shjax.ibl.ggx_tables import LEVELS, ggx_tables
 from shjax.reference.random_orientations import draw_orientations, measured_error
 from shjax.reflection.ranks import RANKS
-from shjax.sphere import normalize
+from shjax.vectors import normalize
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
 MATERIALS = {

@@ -9,8 +9,8 @@ import pytest
 
 import shjax
 from shjax import io
-from shjax.colour import decode_srgb, encode_srgb
 from shjax.io.writing import replacing
+from shjax.srgb import decode_srgb, encode_srgb
 from tests.variants import new_runs, old_runs
 
 

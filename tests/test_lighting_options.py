@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.sphere
 from shjax.harmonics.degrees import degrees
 from shjax.inverse import estimate_albedo, estimate_exposure, nonnegative
 from shjax.inverse.nonnegative import smooth_radiance

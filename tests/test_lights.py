@@ -6,7 +6,8 @@ import pytest
 
 import shjax
 from shjax import brdf, lights
-from shjax.sphere import latlong_directions, latlong_solid_angles, normalize
+from shjax.sphere import latlong_directions, latlong_solid_angles
+from shjax.vectors import normalize
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
 

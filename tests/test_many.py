@@ -44,7 +44,7 @@ def test_a_folder_with_a_bad_file(folder):
     assert [line.split(":")[0] for line in lines[:3]] == ["a.exr", "b.exr", "c.hdr"]
     assert lines[3].startswith("4 files: 3 done, 1 refused")
     before = {p.name: p.stat().st_mtime_ns for p in out.iterdir()}
-    (out / "b_spheres.png").unlink()
+    (out / "b_irradiance.png").unlink()
     io.write_image(folder / "c.hdr", np.ones((16, 32, 3), np.float32))
     second = shell(*call)
     assert "4 files: 2 done, 1 kept, 1 refused" in second.stdout
@@ -69,10 +69,12 @@ def test_killed_at_any_moment(folder):
         out,
         "--size",
         "16",
+        "--checks",
     ]
     for seconds in (3,):
         # Without the others' cache, which it could leave half written.
         alone = {k: v for k, v in os.environ.items() if not k.startswith("JAX")}
+        alone["SHJAX_CACHE"] = str(folder.parent / "cache")
         process = subprocess.Popen(
             call, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=alone
         )

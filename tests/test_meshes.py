@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.vectors
 from shjax import brdf, io, render
 from shjax.envmap import make_envmap
 from shjax.reflection.view_sum import mean_view
@@ -155,7 +156,7 @@ def test_local_global_and_dynamic_pictures_agree(rng, dtype):
     with pytest.raises(ValueError, match="only a global map"):
         shjax.prefilter(lighting, rho, n_theta=8).for_view(jnp.ones(3))
     exact = shjax.reflection.reflect(
-        lighting, rho, shjax.sphere.mirror(ball.normals, ball.views), ball.views
+        lighting, rho, shjax.vectors.mirror(ball.normals, ball.views), ball.views
     )
     assert relative_error(local, exact * ball.mask[..., None]) < 2e-3
 
@@ -198,7 +199,7 @@ def test_gradients_of_a_rendered_pixel(rng):
         rotation = jnp.stack(
             [jnp.stack([c, -s, z]), jnp.stack([s, c, z]), jnp.stack([z, z, o])]
         )
-        v = shjax.sphere.normalize(jnp.asarray(view) @ rotation.T)
+        v = shjax.vectors.normalize(jnp.asarray(view) @ rotation.T)
         buffer = render.make_gbuffer(n[None], views=v[None], albedo=0.7)
         rho = shjax.brdf_coefs(brdf.ggx(alpha, f0), l_max=4, p_max=2)
         maps = shjax.prefilter(light, rho, n_theta=16, n_phi=32)

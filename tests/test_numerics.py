@@ -11,7 +11,7 @@ import pytest
 import shjax
 from shjax import brdf, render
 from shjax.reflection import ReflectionMap, dynamic_map
-from shjax.sphere import normalize
+from shjax.vectors import normalize
 from tests.helpers import relative_error
 
 

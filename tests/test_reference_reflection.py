@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.vectors
 from experiments.data import PANORAMAS
 from shjax import brdf, io
 from shjax.brdf.core import Local, transfer_local
@@ -83,7 +84,7 @@ def test_gradients(rng):
     views = normals + 0.4 * unit_vectors(rng, 3)
 
     def out(light, alpha, n, v):
-        n, v = shjax.sphere.normalize(n), shjax.sphere.normalize(v)
+        n, v = shjax.vectors.normalize(n), shjax.vectors.normalize(v)
         return shjax.reference_reflection(light, brdf.ggx(alpha, 0.1), n, v)
 
     check_gradients(
@@ -157,7 +158,7 @@ def lights(data):
 
 def _turned_light(lighting, samples, degree, p_max):
     """Coefficients in each direction's frame, and the views there."""
-    frames = shjax.sphere.frames(jnp.asarray(samples.reflected, jnp.float32))
+    frames = shjax.vectors.frames(jnp.asarray(samples.reflected, jnp.float32))
     kept = lighting[: (degree + 1) ** 2]
 
     def one(frame):

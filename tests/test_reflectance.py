@@ -10,6 +10,9 @@ from shjax import render
 from shjax.brdf import ggx, lafortune, lambertian, phong
 from shjax.harmonics.degrees import degrees
 from shjax.inverse import General, Radial, lobe
+from shjax.inverse.reflectance.kernel_basis import kernel_basis
+from shjax.inverse.reflectance.lobes import FAMILIES
+from shjax.inverse.shown.glossy import table_to
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT, environment
 
@@ -497,3 +500,20 @@ def test_jit_and_vmap(rng, dtype):
 
     both = jax.vmap(one)(images)
     assert relative_error(both[1], jax.jit(one)(images[1])) < 1e-4
+
+
+@pytest.mark.parametrize(("name", "shape"), [("ggx", 0.23), ("phong_cosine", 37.0)])
+def test_the_basis_of_a_lobe_gives_its_kernels(name, shape):
+    """Any shape between the basis' own, within the type's rounding or a millionth."""
+    kind, table = FAMILIES[name], table_to(0.2)
+    dtype = jnp.result_type(float)
+    basis = kernel_basis(kind, table, 12, np.dtype(dtype))
+    free = jnp.asarray(kind.shapes[0].free(np.array(shape)), dtype)
+    exact = table.kernels(kind.lobe(kind.shapes[0].natural(free)[None]), 12)[..., 0]
+    found = jnp.einsum("r,rolq->olq", basis.shares(free), basis.kernels)
+    assert relative_error(found, exact) < 5e-6
+    slope = jax.jacfwd(basis.shares)(free)
+    step = 1e-2
+    apart = (basis.shares(free + step) - basis.shares(free - step)) / (2 * step)
+    assert relative_error(slope, apart) < 1e-3
+    assert np.all(np.isfinite(jax.jacfwd(basis.shares)(free + 1e3)))  # far outside

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.vectors
 from shjax import brdf, reflection
 from shjax.harmonics.grid import Grid
 from shjax.reflection.reading import FRAMES
@@ -13,10 +14,10 @@ from shjax.reflection.reflection_map import ReflectionMap
 from shjax.sphere import (
     cube_directions,
     icosahedron,
-    in_spherical_frame,
     latlong_directions,
     spherical_directions,
 )
+from shjax.vectors import in_spherical_frame
 from tests.helpers import (
     check_gradients,
     relative_error,
@@ -199,7 +200,7 @@ def test_both_paths_of_a_sum_agree(rng, dtype):
     normals = jnp.where(
         jnp.sum(normals * views, -1, keepdims=True) > 0.3, normals, views
     )
-    directions = shjax.sphere.mirror(normals, views)
+    directions = shjax.vectors.mirror(normals, views)
     whole = shjax.reflection.reflect(
         lighting,
         shjax.brdf_coefs(matte + shiny, l_max=2, p_max=24).astype(dtype),
@@ -349,9 +350,9 @@ def test_gradients_of_one_radiance(rng, place):
         view /= np.linalg.norm(view)
 
     def out(light, kernel, n, v):
-        n, v = shjax.sphere.normalize(n), shjax.sphere.normalize(v)
+        n, v = shjax.vectors.normalize(n), shjax.vectors.normalize(v)
         return shjax.reflection.reflect(
-            light, kernel, shjax.sphere.mirror(n, v)[None], v[None]
+            light, kernel, shjax.vectors.mirror(n, v)[None], v[None]
         )
 
     check_gradients(

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.harmonics
 from shjax import windows
 from shjax.sphere import fibonacci_directions
 from tests.helpers import check_gradients, relative_error, rotation_matrix, unit_vectors

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from shjax import sphere
+from shjax.vectors import normalize
 from tests.helpers import check_gradients, unit_vectors
 
 
@@ -40,20 +41,20 @@ def test_pixels_at_the_poles_are_finite():
 
 def test_normalize_scales_to_one(rng, dtype):
     vectors = (unit_vectors(rng, 50) * rng.uniform(0.1, 9, (50, 1))).astype(dtype)
-    lengths = np.linalg.norm(np.asarray(sphere.normalize(vectors)), axis=-1)
+    lengths = np.linalg.norm(np.asarray(normalize(vectors)), axis=-1)
     np.testing.assert_allclose(lengths, 1, rtol=4 * np.finfo(dtype).eps)
 
 
 def test_normalize_of_zero_is_zero_with_zero_derivative(dtype):
     zero = jnp.zeros(3, dtype)
-    assert np.all(np.asarray(sphere.normalize(zero)) == 0)
-    assert np.all(np.asarray(jax.jacfwd(sphere.normalize)(zero)) == 0)
-    assert np.all(np.asarray(jax.jacrev(sphere.normalize)(zero)) == 0)
+    assert np.all(np.asarray(normalize(zero)) == 0)
+    assert np.all(np.asarray(jax.jacfwd(normalize)(zero)) == 0)
+    assert np.all(np.asarray(jax.jacrev(normalize)(zero)) == 0)
 
 
 @pytest.mark.x64
 def test_normalize_gradient(rng):
-    check_gradients(sphere.normalize, jnp.asarray(rng.normal(size=(4, 3))))
+    check_gradients(normalize, jnp.asarray(rng.normal(size=(4, 3))))
 
 
 def test_fibonacci_directions_average_well():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import shjax
+import shjax.sphere
 from shjax.harmonics import (
     legendre,
     phi_first,

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.brdf.core import Brdf, transfer
-from shjax.sphere import frames, pixel_coordinates
+from shjax.sphere import pixel_coordinates
+from shjax.vectors import frames
 
 _POINTS_AT_ONCE = 256
 

@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import shjax
+from shjax.clamped_cosine import cosine_kernel_table
 from shjax.colour import LUMINANCE
-from shjax.irradiance import cosine_kernel_table
 from shjax.sphere import cube_directions, fibonacci_directions, icosahedron
 
 HIGHEST = jax.lax.Precision.HIGHEST

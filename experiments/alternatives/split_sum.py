@@ -18,15 +18,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.brdf import ggx
+from shjax.clamped_cosine import irradiance
 from shjax.harmonics.orientations import maps_on_grid, series_tables
 from shjax.harmonics.tables import on_device
 from shjax.ibl.ggx_tables import DEGREES, LEVELS, locate
 from shjax.ibl.prefiltered_light import level_shape
 from shjax.ibl.shading import taps
 from shjax.ibl.texels import Weights, read_maps
-from shjax.irradiance import irradiance
 from shjax.reflection.low_rank import view_kernels
-from shjax.sphere import latlong_theta, mirror
+from shjax.sphere import latlong_theta
+from shjax.vectors import mirror
 
 _COSINES, _ALPHAS = 64, 17
 

@@ -20,7 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.reflection import ReflectionMap, azimuthal_texture, icosahedral_maps
-from shjax.sphere import icosahedron, mirror, pixel_coordinates
+from shjax.sphere import icosahedron, pixel_coordinates
+from shjax.vectors import mirror
 
 ELEVATIONS = 16
 

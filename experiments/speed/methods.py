@@ -21,7 +21,7 @@ from shjax.io.writing import replacing
 from shjax.reflection import ReflectionMap, default_size
 from shjax.reflection.prefiltering import map_of_kernels
 from shjax.reflection.view_basis import HarmonicViews, ViewBasis, ZonalViews
-from shjax.sphere import mirror
+from shjax.vectors import mirror
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import STATIC, Array, check_vectors
-from shjax.sphere import frames
+from shjax.vectors import frames
 
 Parameters = Mapping[str, jax.Array]
 

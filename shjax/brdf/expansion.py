@@ -132,6 +132,7 @@ def expand(
     p_max: int,
     accuracy: float = 1e-5,
     resolution: Resolution | None = None,
+    check: float = 2.0,
 ) -> BrdfExpansion:
     """Expand a BRDF in spherical harmonics, with its energies [T5, 5.15 to 5.18].
 
@@ -142,6 +143,7 @@ def expand(
         p_max: Highest degree of the view, inclusive. Static.
         accuracy: Relative change at which doubling stops. Static.
         resolution: Nodes to use instead; the error is then unknown (NaN). Static.
+        check: So many times the first nodes the result is compared with. Static.
 
     Returns:
         The expansion.
@@ -151,7 +153,9 @@ def expand(
     """
     l_max, p_max = check_l_max(l_max), check_l_max(p_max, "p_max")
     q_max = max(l_max, p_max)
-    found, error, used = settled(brdf, l_max, p_max, q_max, accuracy, resolution)
+    found, error, used = settled(
+        brdf, l_max, p_max, q_max, accuracy, resolution, check=check
+    )
     centre = "tangent" if kind_of(brdf) == "tangent" else "reflection"
     return BrdfExpansion(
         found.rho,

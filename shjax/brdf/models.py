@@ -25,7 +25,7 @@ import jax.numpy as jnp
 
 from shjax.brdf.core import Brdf, Local, Parameters, ReflectanceModel, make_brdf
 from shjax.brdf.ranges import check_range
-from shjax.irradiance import cosine_kernel_table
+from shjax.clamped_cosine import cosine_kernel_table
 
 
 def power(base: jax.Array, exponent: jax.Array) -> jax.Array:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import NamedTuple
 
 import jax
@@ -46,9 +47,11 @@ class Resolution:
     phi: int
     view: int
 
-    def doubled(self) -> Resolution:
-        """Double the nodes of each angle."""
-        return Resolution(2 * self.light, 2 * self.phi, 2 * self.view)
+    def times(self, factor: float) -> Resolution:
+        """So many times the nodes of each angle, rounded up."""
+        return Resolution(
+            *(math.ceil(factor * n) for n in (self.light, self.phi, self.view))
+        )
 
 
 def first_resolution(l_max: int, p_max: int) -> Resolution:

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-import shjax
-from shjax import io
+from shjax.cli import words
 from shjax.cli.options import (
     Output,
     Reading,
     axes_option,
-    light_of,
     number,
     output_options,
     packed,
-    quadrature_note,
     reading_options,
     rotate_option,
     window_option,
 )
-from shjax.conventions import CONVENTIONS
-from shjax.harmonics.degrees import degree_of_coefs
-from shjax.io.coefs import FORMATS, OTHER_NAMES
-from shjax.windows import apply_window
 
-SCHEMA = "shjax.convert/1"
+if TYPE_CHECKING:
+    import numpy as np
 
 
 class FormatName(click.Choice):
@@ -36,6 +30,8 @@ class FormatName(click.Choice):
 
     def convert(self, value, param, ctx):
         """The format's own name."""
+        from shjax.io.coefs import OTHER_NAMES
+
         name = value.lower()
         return super().convert(OTHER_NAMES.get(name, name), param, ctx)
 
@@ -60,14 +56,14 @@ settings_options = packed(
         "--to",
         "format",
         required=True,
-        type=FormatName(list(FORMATS)),
+        type=FormatName(words.FORMATS),
         help="What to write.",
     ),
     click.option(
         "--convention",
         default="shjax",
         show_default=True,
-        type=click.Choice(list(CONVENTIONS), case_sensitive=False),
+        type=click.Choice(words.CONVENTIONS, case_sensitive=False),
         help="Axes, sign and scale of a json, csv or c file.",
     ),
     number(
@@ -86,14 +82,6 @@ settings_options = packed(
         help="SOURCE is an sh.txt made with cmgen --no-mirror.",
     ),
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class ConvertResult:
-    """Coefficients ``(K, C)`` to be written, and what there is to say of them."""
-
-    coefs: np.ndarray
-    notes: list[str]
 
 
 @click.command(short_help="Coefficients in another tool's format.")
@@ -122,55 +110,9 @@ def convert(
       shjax convert studio.exr probe.json --to three
       shjax convert sh.txt light.h --to c --convention unreal --axes=x,-y,z
     """
-    if target.exists() and source.exists() and target.samefile(source):
-        raise click.UsageError("TARGET is SOURCE; it would be overwritten.")
-    own = settings.convention.lower() == "shjax"
-    if (
-        settings.axes is not None
-        and own
-        and FORMATS[settings.format].convention is None
-    ):
-        raise click.UsageError("--axes are a tool's: --convention must name it.")
-    found = run(source, settings, reading)
-    io.write_coefs(
-        target,
-        found.coefs,
-        format=settings.format,
-        convention=settings.convention,
-        axes=settings.axes,
-    )
-    result = {"schema": SCHEMA, "source": str(source), "target": str(target)}
-    result |= {"format": settings.format, "l_max": degree_of_coefs(found.coefs)}
-    if not output.print_json({**result, "notes": found.notes}):
-        print(*found.notes, sep="\n", end="\n" if found.notes else "")
-        print(f"{target}: {found.coefs.shape[0]} coefficients, {settings.format}")
-    return 0
+    from shjax.io import isolation
 
+    isolation.start()  # the reader gets ready while the rest is imported
+    from shjax.cli import convert_run
 
-def run(source: Path, settings: Settings, reading: Reading) -> ConvertResult:
-    """Read coefficients, or project a map on them, and window them."""
-    found = None
-    if not source.is_dir():
-        found = io.read_coefs(source, no_mirror=settings.no_mirror)
-    notes = []
-    if found is None:
-        if settings.no_mirror:
-            raise click.UsageError("--no-mirror belongs to an sh.txt; SOURCE is a map.")
-        envmap = reading.read(source)
-        degree = 2 if settings.l_max is None else settings.l_max
-        coefs, quadrature = light_of(envmap, degree, settings.rotate)
-        notes = [str(envmap.report), quadrature_note(quadrature, degree)]
-    else:
-        coefs = _cut(source, found, settings.l_max)
-        if settings.rotate is not None:
-            coefs = shjax.rotate(coefs, settings.rotate)
-    coefs = np.asarray(apply_window(coefs, settings.window))
-    return ConvertResult(coefs, [note for note in notes if note])
-
-
-def _cut(source: Path, coefs: np.ndarray, l_max: int | None) -> np.ndarray:
-    """The coefficients of a file up to a degree that it must have."""
-    known = degree_of_coefs(coefs)
-    if l_max is not None and l_max > known:
-        raise click.UsageError(f"--l-max must be at most {known}, {source} ends there.")
-    return coefs if l_max is None else coefs[: (l_max + 1) ** 2]
+    return convert_run.main(source, target, settings, reading, output)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax import render
+from shjax.cli.kept_energies import kept_energies
 from shjax.cli.options import Reflectance
 from shjax.cli.texts import Material
 from shjax.envmap import EnvironmentMap
@@ -42,6 +43,7 @@ def drawing_of(envmap: EnvironmentMap, reflectance: Reflectance) -> Drawing:
         reflectance.brdf,
         rms_error=reflectance.rms_error,
         max_bytes=reflectance.max_bytes,
+        energies=kept_energies,
     )
     about = _about_model(model)
     return Drawing(lambda gbuffer: render.image(gbuffer, model), about, False)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from shjax.brdf import Brdf
-from shjax.cli import surface
+from shjax.cli import words
 from shjax.cli.options import (
     choice,
     number,
     packed,
 )
 from shjax.cli.texts import BrdfText, FiniteRange, Numbers
+
+if TYPE_CHECKING:
+    from shjax.brdf import Brdf
 
 
 def _path(name: str, metavar: str, text: str):
@@ -51,7 +54,7 @@ shape_options = packed(
     _path("--normals", "EXR", "The pixels' normals; 0,0,0 where nothing is seen."),
     click.option(
         "--normals-frame",
-        type=click.Choice(list(surface.NORMAL_FRAMES)),
+        type=click.Choice(words.NORMAL_FRAMES),
         help="camera: x right, y up, z towards the camera; opencv: y down, z away; "
         "world: shjax's; blender: the same; mitsuba: y up. Needed with --normals.",
     ),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import jax
 import numpy as np
 from rich.console import Console
 from rich.padding import Padding
@@ -14,7 +14,7 @@ from rich.table import Table
 
 import shjax
 from shjax import io
-from shjax.cli.options import quadrature_note
+from shjax.cli.coefficients import quadrature_note
 from shjax.cli.pictures import FRAME, as_rgb, captioned, compare, header, rotated
 from shjax.display import tone_map
 from shjax.envmap import EnvironmentMap, Report
@@ -22,8 +22,12 @@ from shjax.harmonics.degrees import degrees, orders
 from shjax.io.writing import json_text
 from shjax.lights import split_lights
 
+if TYPE_CHECKING:
+    from shjax.cli.light_checks import Checks
+
 _ROWS_SHOWN = 25
 PANELS = "from the coefficients | by the exact integral | their difference"
+_NOT_CHECKED = {"irradiance_error": None, "recovered_error": None, "integral": None}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,55 +39,69 @@ class Split:
 
 
 @dataclasses.dataclass(frozen=True)
-class LightResult:
+class Light:
     """What ``shjax light`` found of one map.
 
     Attributes:
         summary: For the JSON file and the terminal, without the files' names.
         source: The map's name.
         lighting: Coefficients, ``(K, C)``.
-        spheres: White spheres, from the coefficients and by the integral.
+        nine: Those to degree 2, without a window.
         split: With ``--split``.
     """
 
     summary: dict
     source: str
-    lighting: jax.Array
-    spheres: tuple[np.ndarray, np.ndarray]
+    lighting: np.ndarray
+    nine: np.ndarray
     split: Split | None
 
 
-def write_results(out: Path, stem: str, found: LightResult) -> dict:
-    """Write the pictures, then the JSON; returns its content."""
-    result, lighting = dict(found.summary), found.lighting
-    irradiance = np.asarray(
-        shjax.synthesize(shjax.irradiance_coefs(lighting), n_theta=64, n_phi=128)
-    )
-    panels, shown = compare(*found.spheres, PANELS)
-    about = header(found.source, units="radiance", albedo="1", panels=PANELS)
+def write_light(out: Path, stem: str, found: Light) -> dict:
+    """Write what was asked for: the irradiance map, then the JSON; returns its content."""
+    result, lighting = {**found.summary, **_NOT_CHECKED}, found.lighting
+    coefs = shjax.irradiance_coefs(lighting)
     units = header(found.source, units="irradiance, W m^-2")
-    pictures = {
-        "irradiance.exr": (irradiance, units),
-        "irradiance.png": (_shown_irradiance(lighting), {}),
-        "spheres.exr": (panels, about),
-        "spheres.png": (shown, {}),
-    }
-    files = {name: str(out / f"{stem}_{name}") for name in pictures}
+    files = {n: str(out / f"{stem}_{n}") for n in ("irradiance.exr", "irradiance.png")}
+    irradiance = np.asarray(shjax.synthesize(coefs, n_theta=64, n_phi=128))
+    io.write_image(files["irradiance.exr"], irradiance, attributes=units)
+    io.write_image(files["irradiance.png"], _shown_irradiance(coefs))
     if found.split is not None:
         result["lights"] = found.split.lights
         files |= _write_split(out, stem, found.source, found.split)
-    for name, (image, attributes) in pictures.items():
-        io.write_image(files[name], image, attributes=attributes)
-    files["lighting.json"] = str(out / f"{stem}_lighting.json")
-    result["files"] = files
-    # Last, so that its presence says that all the others are there.
-    io.write_text(files["lighting.json"], json_text(result, indent=1) + "\n")
+    whole = not found.summary["job"]["checks"]
+    return _write_record(out, stem, result, files, whole)
+
+
+def write_checks(
+    out: Path, stem: str, found: Light, checks: Checks, result: dict
+) -> dict:
+    """Write the spheres, then the JSON again; returns its content."""
+    panels, shown = compare(*checks.spheres, PANELS)
+    about = header(found.source, units="radiance", albedo="1", panels=PANELS)
+    files = {n: str(out / f"{stem}_{n}") for n in ("spheres.exr", "spheres.png")}
+    io.write_image(files["spheres.exr"], panels, attributes=about)
+    io.write_image(files["spheres.png"], shown)
+    files = {**result["files"], **files}
+    return _write_record(out, stem, {**result, **checks.summary}, files, True)
+
+
+def _write_record(
+    out: Path, stem: str, result: dict, files: dict[str, str], whole: bool
+) -> dict:
+    """Write the JSON file; one that is to be written again names no job.
+
+    A second run looks for the job, and does again what has none.
+    """
+    file = str(out / f"{stem}_lighting.json")
+    result = {**result, "files": {**files, "lighting.json": file}}
+    written = result if whole else {**result, "job": None}
+    io.write_text(file, json_text(written, indent=1) + "\n")
     return result
 
 
-def _shown_irradiance(lighting) -> np.ndarray:
+def _shown_irradiance(coefs) -> np.ndarray:
     """The irradiance map large enough to see, its scale below."""
-    coefs = shjax.irradiance_coefs(lighting)
     image = np.asarray(shjax.synthesize(coefs, n_theta=256, n_phi=512))
     level = np.maximum(image, 0).mean(axis=-1)
     return captioned(
@@ -128,16 +146,16 @@ def _write_split(out: Path, stem: str, source: str, split: Split) -> dict[str, s
 def print_line(console: Console, result: dict, *, kept: str) -> None:
     """One of many files in one line, and from when it is if it was kept."""
     error = result["irradiance_error"]
-    console.print(
-        f"{Report(**result['report'])}; irradiance error mean {error['mean']:.2%}, max "
-        f"{error['max']:.2%}" + (f" (kept, from {kept})" if kept else ""),
-        markup=False,
-        highlight=False,
-    )
+    words = str(Report(**result["report"]))
+    if error is not None:
+        mean, largest = error["mean"], error["max"]
+        words += f"; irradiance error mean {mean:.2%}, max {largest:.2%}"
+    words += f" (kept, from {kept})" if kept else ""
+    console.print(words, markup=False, highlight=False)
 
 
-def print_result(console: Console, result: dict) -> None:
-    """The coefficients as a table, the errors, and why they are what they are."""
+def print_coefficients(console: Console, result: dict) -> None:
+    """The coefficients as a table, and the light sources that were split off."""
     console.print(str(Report(**result["report"])), style="bold", markup=False)
     note = quadrature_note(result["quadrature"], max(result["l_max"], 2))
     if note:
@@ -156,27 +174,6 @@ def print_result(console: Console, result: dict) -> None:
     console.print(
         f"frame: {result['frame']}\nbasis: {result['basis']}", highlight=False
     )
-    error, recovered = result["irradiance_error"], result["recovered_error"]
-    console.print(
-        f"\n[bold]irradiance_error[/]  mean {error['mean']:.2%}, max {error['max']:.2%} "
-        f"of the {error['relative_to']}"
-    )
-    if error["smallest_over_mean"] < 0:
-        console.print(
-            "  the expansion rings: its irradiance falls to "
-            f"{error['smallest_over_mean']:.1%} of its mean"
-        )
-    console.print(
-        f"[bold]recovered_error[/]   self {recovered['self']:.1e}, "
-        f"exact {recovered['exact']:.1%}"
-    )
-    for paragraph in (
-        "self: nine numbers from the sphere that nine numbers drew, a check of the code.",
-        "exact: from the exact sphere, as from a photograph. One view shows half the "
-        "normals, where light of degree 4, 6, ... looks like degrees 0 to 2; "
-        f"{result['recovered']['message']}.",
-    ):
-        console.print(Padding.indent(paragraph, 2), highlight=False, soft_wrap=False)
     for light in result.get("lights", []):
         colour = ", ".join(f"{value:.4g}" for value in light["flux"])
         console.print(
@@ -187,7 +184,46 @@ def print_result(console: Console, result: dict) -> None:
         )
     if result.get("lights") == []:
         console.print("no light source stands out: nothing is split off")
+
+
+def print_checks(console: Console, result: dict) -> None:
+    """The errors, and why they are what they are."""
+    if result["irradiance_error"] is None:
+        return
+    error, recovered = result["irradiance_error"], result["recovered_error"]
+    integral = result["integral"]
+    console.print(
+        f"\n[bold]irradiance_error[/]  mean {error['mean']:.2%}, max {error['max']:.2%} "
+        f"of the {error['relative_to']}"
+    )
+    if integral["difference"]:
+        console.print(
+            f"  against the integral over {integral['rows']} rows, whose irradiance is "
+            f"within {integral['difference']:.2%} of the whole map's"
+        )
+    if error["smallest_over_mean"] < 0:
+        console.print(
+            "  the expansion rings: its irradiance falls to "
+            f"{error['smallest_over_mean']:.1%} of its mean"
+        )
+    console.print(
+        f"[bold]recovered_error[/]   default {recovered['default']:.1%}, plain "
+        f"{recovered['plain']:.1%}, self {recovered['self']:.1e}"
+    )
+    for paragraph in (
+        "default: nine numbers from the picture of the exact sphere, as from a photograph, "
+        "by estimate_lighting, which marginalises higher degrees; "
+        f"{result['recovered']['message']}.",
+        "plain: by least squares of nine numbers alone. One view shows half the normals, "
+        "where light of degree 4, 6, ... looks like degrees 0 to 2.",
+        "self: from the sphere that nine numbers drew, a check of the code.",
+    ):
+        console.print(Padding.indent(paragraph, 2), highlight=False, soft_wrap=False)
     console.print(f"\nspheres: {PANELS}", highlight=False)
+
+
+def print_files(console: Console, result: dict) -> None:
+    """The files that were written."""
     console.print("written:")
     for name in result["files"].values():
         console.print(f"  {name}", highlight=False, markup=False)

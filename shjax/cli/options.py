@@ -1,6 +1,7 @@
 """Options that several commands share, packed into one argument each.
 
-Each command parses, runs to a dataclass, writes, shows.
+Each command parses in a module that knows words only, so that its help costs nothing; it
+runs to a dataclass, writes and shows in another.
 """
 
 from __future__ import annotations
@@ -9,25 +10,19 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import jax
-import numpy as np
 from click.core import ParameterSource
-from rich.console import Console
 
-import shjax
-from shjax import io
-from shjax.brdf import Brdf
-from shjax.brdf.catalogue import BRDFS
+from shjax.cli import words
 from shjax.cli.texts import Angles, Axes, BrdfText, FiniteRange, Material, MaterialText
-from shjax.envmap import EnvironmentMap
-from shjax.io.envmaps import INVALID_CHOICES
-from shjax.io.writing import json_text
-from shjax.layouts import LAYOUTS
-from shjax.reflection.ranks import RANKS
-from shjax.windows import NAMES
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from shjax.brdf import Brdf
+    from shjax.envmap import EnvironmentMap
 
 brdf_option = click.option(
     "--brdf",
@@ -35,7 +30,7 @@ brdf_option = click.option(
     show_default=True,
     type=BrdfText(),
     help="Terms joined by ' + ', each a model and its parameters, a factor and * before "
-    "it: " + ", ".join(BRDFS) + ".",
+    "it: " + ", ".join(words.BRDFS) + ".",
 )
 
 
@@ -52,7 +47,7 @@ maps_option = click.option(
     "--maps",
     default="9",
     show_default=True,
-    type=click.Choice([str(n) for n in RANKS]),
+    type=click.Choice(words.MAPS),
     help="Maps of the lighting layer, for --material: many are accurate.",
 )
 
@@ -123,6 +118,8 @@ class Reading:
 
     def read(self, path: Path, *, layer: str | None = None) -> EnvironmentMap:
         """Read an environment map in a process of its own."""
+        from shjax import io
+
         return io.read_envmap(
             path,
             layout=self.layout,
@@ -134,11 +131,14 @@ class Reading:
 
 
 layout_option = choice(
-    "--layout", ["auto", *LAYOUTS], "auto", "How an environment map covers the sphere."
+    "--layout",
+    ["auto", *words.LAYOUTS],
+    "auto",
+    "How an environment map covers the sphere.",
 )
 invalid_option = choice(
     "--invalid",
-    INVALID_CHOICES,
+    words.INVALID,
     "error",
     "What to do with NaN, infinite and negative pixels.",
 )
@@ -162,12 +162,16 @@ class Output:
 
     def print_json(self, content: dict, *, flush: bool = True) -> bool:
         """Print one JSON object if that was asked for; True if nothing is left to say."""
+        from shjax.io.writing import json_text
+
         if self.as_json and not self.quiet:
             print(json_text(content), flush=flush)
         return self.as_json or self.quiet
 
     def console(self) -> Console:
         """Console on which a command shows its results."""
+        from rich.console import Console
+
         silent = self.quiet or self.as_json
         return Console(quiet=silent, soft_wrap=True)
 
@@ -232,7 +236,7 @@ rotate_option = click.option(
 
 window_option = choice(
     "--window",
-    NAMES,
+    words.WINDOWS,
     "none",
     "Damp the high degrees; automatic: the least that keeps irradiance >= 0.",
 )
@@ -243,37 +247,3 @@ axes_option = click.option(
     help="The other tool's x, y and z as signed axes of shjax (z up, x the panorama's "
     "centre), like x,z,-y.",
 )
-
-
-def light_of(
-    envmap: EnvironmentMap, l_max: int, rotation: np.ndarray | None
-) -> tuple[jax.Array, str]:
-    """Radiance coefficients of a map, rotated, and the quadrature they came by.
-
-    Raises:
-        ValueError: If they overflow.
-    """
-    rule = envmap.quadrature(l_max)
-    lighting = envmap.lighting(l_max=l_max)
-    if not np.all(np.isfinite(np.asarray(lighting))):
-        brightest = np.max(np.abs(np.asarray(envmap.image)))
-        raise ValueError(
-            f"{envmap.report.source}: the light overflows float32; its largest value is "
-            f"{brightest:.3g}."
-        )
-    if rotation is not None:
-        lighting = shjax.rotate(lighting, rotation)
-    return lighting, _QUADRATURES.get(rule, rule)
-
-
-_QUADRATURES = {"samples": "pixel centres, exact solid angles"}
-
-
-def quadrature_note(quadrature: str, l_max: int) -> str:
-    """What to say of a map that is too small for its degree; empty otherwise."""
-    if quadrature != "pixel":
-        return ""
-    return (
-        f"fewer than {2 * l_max + 1} rows or columns: taken as constant over each pixel "
-        "(quadrature 'pixel')"
-    )

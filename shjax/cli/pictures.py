@@ -27,6 +27,10 @@ FRAME = (
     "right-handed, +z up (row 0 of a lat-long image), +x at the image centre, "
     "+y at u = 0.25"
 )
+BASIS = (
+    "real orthonormal spherical harmonics without Condon-Shortley phase, "
+    "row l (l + 1) + m"
+)
 
 
 def header(source: str, **more: str) -> dict[str, str]:

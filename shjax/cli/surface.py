@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax import io, render
+from shjax.cli import words
 from shjax.inverse import Surface, visible_cosine
 from shjax.render import Camera, GBuffer
 from shjax.render.meshes import trace_mesh
@@ -24,7 +25,6 @@ NORMAL_FRAMES = {
     "camera": CAMERA_TO_WORLD,
     "opencv": CAMERA_TO_WORLD * np.array([1, -1, -1]),
 }
-SEEN_FRAMES = ("camera", "opencv")  # in which the direction to the camera is known
 _PARTS = (
     8 * 61
 )  # parts of a pixel's side times the radius: with half as many, a ball of
@@ -174,7 +174,7 @@ def of_normals(
     unit = np.where(seen[..., None], unit, 0)
     world = unit @ NORMAL_FRAMES[frame].T
     facing = seen
-    if frame in SEEN_FRAMES:
+    if frame in words.SEEN_FRAMES:
         facing = world @ CAMERA_TO_WORLD[:, 2] > _FACING
     weights = (seen & facing).astype(float) * chosen
     if not weights.any():

@@ -9,9 +9,6 @@ from typing import Any
 import click
 import numpy as np
 
-from shjax.brdf.parse import parse
-from shjax.sphere import yaw_pitch_roll
-
 
 class FiniteRange(click.FloatRange):
     """A finite number within limits; click's own lets NaN pass, which no limit stops."""
@@ -45,6 +42,8 @@ class Angles(click.ParamType):
             angles = []
         if len(angles) != 3 or not np.all(np.isfinite(angles)):
             self.fail(f"{value!r} is not three numbers like 90,0,0", param, ctx)
+        from shjax.sphere import yaw_pitch_roll
+
         return yaw_pitch_roll(*np.radians(angles))
 
 
@@ -79,6 +78,8 @@ class BrdfText(click.ParamType):
         """A description to a BRDF."""
         if not isinstance(value, str):
             return value
+        from shjax.brdf.parse import parse
+
         try:
             return parse(value)
         except (ValueError, OSError, TypeError) as error:

@@ -30,6 +30,7 @@ from shjax.harmonics.degrees import check_l_max, cosine_sine_slots, degree_of_co
 
 _UNROLLED_TO = 8
 _BLOCK = 2048  # points at a time in the scan
+_IN_CACHE = 512  # points whose recurrence stays in the second-level cache
 
 
 @functools.partial(jax.jit, static_argnames=("l_max",))
@@ -179,9 +180,19 @@ def _scanned_sum(columns: jax.Array, points: jax.Array, l_max: int) -> jax.Array
     return map_blocks(block, points, _BLOCK)
 
 
-def _scanned_basis(points: jax.Array, l_max: int) -> jax.Array:
-    """``(N, 3)`` to ``(N, K)``."""
-    slots = cosine_sine_slots(l_max)
+def some_harmonics(points: jax.Array, l_max: int, which: np.ndarray) -> jax.Array:
+    """Values of some harmonics at unit vectors ``(N, 3)``, by position in K: ``(N, J)``."""
+    slots = cosine_sine_slots(l_max)[which]
+    some = functools.partial(_scanned_basis, l_max=l_max, slots=slots)
+    return map_blocks(some, points, _IN_CACHE)
+
+
+def _scanned_basis(
+    points: jax.Array, l_max: int, slots: np.ndarray | None = None
+) -> jax.Array:
+    """``(N, 3)`` to ``(N, K)``, or to the harmonics in some slots."""
+    if slots is None:
+        slots = cosine_sine_slots(l_max)
     start, step = _recurrence(points, l_max)
     tables = legendre.scan_steps(l_max, points.dtype)
     _, values = jax.lax.scan(step, start, tables)  # [l, m, s, n]

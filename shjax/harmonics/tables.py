@@ -23,9 +23,9 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from shjax.arrays import as_type
 from shjax.harmonics.degrees import degrees, orders
 from shjax.harmonics.grid import Grid
 from shjax.harmonics.legendre import legendre
@@ -59,7 +59,7 @@ def on_device(table: Callable[..., Any], *args, dtype) -> Any:
         An array, or a tuple of them, as the function does.
     """
     with jax.ensure_compile_time_eval():  # inside a trace, too, the arrays are known
-        return jax.tree.map(lambda a: jnp.asarray(a, dtype), table(*args))
+        return jax.tree.map(lambda a: as_type(a, dtype), table(*args))
 
 
 def _two_families(l_max: int, theta: np.ndarray) -> np.ndarray:

@@ -12,13 +12,13 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from shjax.arrays import Array, as_float
+from shjax.clamped_cosine import irradiance_coefs
 from shjax.envmap import EnvironmentMap
 from shjax.harmonics import power_spectrum
 from shjax.harmonics.degrees import degree_of_coefs
 from shjax.harmonics.orientations import maps_on_grid, series_tables
 from shjax.harmonics.tables import on_device
 from shjax.ibl.ggx_tables import DEGREES, LEVELS, ggx_tables
-from shjax.irradiance import irradiance_coefs
 from shjax.light import Light, as_light
 from shjax.lights import CapLights, cap_coefs, split_lights
 from shjax.reflection.ranks import check_maps

@@ -34,7 +34,8 @@ from shjax.ibl.prefiltered_light import PrefilteredLight, level_shape, level_sta
 from shjax.ibl.texels import Weights, read_maps
 from shjax.lights import CapLights, cap_nodes
 from shjax.reflection.view_basis import halfway
-from shjax.sphere import in_spherical_frame, mirror, pixel_coordinates, polar_angles
+from shjax.sphere import pixel_coordinates
+from shjax.vectors import in_spherical_frame, mirror, polar_angles
 
 Parameter = float | Array | Sequence[float]
 

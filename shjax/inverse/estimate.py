@@ -13,9 +13,10 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
-from shjax.arrays import STATIC, Array, safe_sqrt
+from shjax.arrays import STATIC, Array, in_blocks, safe_sqrt
 from shjax.brdf.core import Brdf
 
+_PUSHED = 16  # pictures at once, which share the functions of their pixels
 _UNDETERMINED = 0.5  # of an unknown's variance, left by the data: the prior answers
 
 
@@ -200,10 +201,11 @@ BY_NAME = Judge(_by_name, lambda found: True)
 
 
 def _sum_of_squares(push: Any, tangents: jax.Array) -> jax.Array:
-    """Of pictures pushed forward, one of ``(n, C, J)`` at a time."""
+    """Of pictures pushed forward, some of ``(n, C, J)`` at a time."""
+    columns = jnp.swapaxes(tangents, 1, 2)
 
-    def add(total, tangent):
-        return total + push(tangent.T) ** 2, None
+    def add(total, some):
+        return total + jnp.sum(jax.vmap(push)(some) ** 2, axis=0), None
 
-    start = jnp.zeros_like(push(tangents[0].T))
-    return jax.lax.scan(add, start, tangents)[0]
+    start = jnp.zeros_like(push(columns[0]))
+    return jax.lax.scan(add, start, in_blocks(columns, _PUSHED))[0]

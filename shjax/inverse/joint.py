@@ -37,7 +37,7 @@ from shjax.inverse.reflectance.lobes import AnyLobe, Radial, as_search
 from shjax.inverse.reflectance.nonlinear import approach, refine, search
 from shjax.inverse.shown.glossy import glossy_rows, table_to
 from shjax.inverse.shown.pixels import Pixels, fit
-from shjax.sphere import mirror
+from shjax.vectors import mirror
 
 _SEARCHED = 500  # pixels of the search from many starts
 _ROUGH = 0.01  # of the picture: the search's standard deviation of a pixel

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float
 
@@ -129,7 +130,7 @@ def fit_settings(picture: Picture, l_max: int, noise, prior) -> FitSettings:
     highest = priors.highest_degree(prior, l_max)
     highest = picture.surface.highest_degree(highest, l_max)
     sigma = None if noise is None else fit("noise", noise, (channels,), dtype)
-    if sigma is not None and not isinstance(sigma, Tracer) and not jnp.all(sigma >= 0):
+    if sigma is not None and not isinstance(sigma, Tracer) and not np.all(sigma >= 0):
         raise ValueError(f"noise must be a number >= 0; got {noise}.")
     return FitSettings(sigma, priors.deviations_of(prior, highest), highest)
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from shjax.colour import encode_srgb
 from shjax.io import exr_writing, isolation, other, readers
 from shjax.io.decoded import Decoded
 from shjax.io.writing import replacing
+from shjax.srgb import encode_srgb
 
 MAX_PIXELS = 2**28
 _WRITTEN = (".exr", ".hdr", ".png")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from shjax.colour import decode_srgb
 from shjax.io.colour_spaces import divided_by_alpha
 from shjax.io.decoded import Decoded, check_size, colour_channels, from_array
 from shjax.io.quiet import quiet
+from shjax.srgb import decode_srgb
 
 _LINEAR = ("linear", "scene_linear", "lin_rec709", "lin_rec709_scene", "lin_srgb")
 _REFUSED = ("null", "term")  # formats that make a picture of nothing

@@ -29,7 +29,7 @@ from shjax.brdf.core import (
 from shjax.lights.caps import CapLights, cap_nodes
 from shjax.lights.lobe_nodes import lobe_nodes
 from shjax.reference.reflection_integral import in_tiles, over_samples
-from shjax.sphere import frames
+from shjax.vectors import frames
 
 _POINT = 1e-6  # the height of a cap of 0.08 degrees, which is a point to any lobe
 

@@ -22,7 +22,7 @@ from shjax.arrays import (
 )
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
-from shjax.sphere import frames, normalize
+from shjax.vectors import frames, normalize
 
 
 @jax.tree_util.register_dataclass

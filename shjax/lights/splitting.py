@@ -20,14 +20,8 @@ from shjax.arrays import Array, as_float, matmul
 from shjax.colour import luminance
 from shjax.envmap import EnvironmentMap
 from shjax.lights.caps import CapLights
-from shjax.sphere import (
-    frames,
-    latlong_phi,
-    latlong_solid_angles,
-    latlong_theta,
-    normalize,
-    polar_angles,
-)
+from shjax.sphere import latlong_phi, latlong_solid_angles, latlong_theta
+from shjax.vectors import frames, normalize, polar_angles
 
 _WIDEST = np.radians(3.0)
 _WINDOW = np.radians(7.0)

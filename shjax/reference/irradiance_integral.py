@@ -11,6 +11,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import (
@@ -22,8 +23,8 @@ from shjax.arrays import (
     map_blocks,
     matmul,
 )
+from shjax.clamped_cosine import irradiance
 from shjax.colour import luminance
-from shjax.irradiance import irradiance
 from shjax.light import Light, light_samples
 from shjax.sphere import fibonacci_directions
 
@@ -106,11 +107,22 @@ def _irradiance_error(lighting, radiance, light_directions, weights):
     lighting = as_float("lighting", lighting).astype(dtype)
     normals = jnp.asarray(fibonacci_directions(4000), dtype)
     exact = _integrate(radiance, light_directions, weights, normals)
-    expansion = luminance(irradiance(lighting, normals))
     total = jnp.sum(luminance(radiance) * jnp.asarray(weights, dtype))
-    # Black light has no error: 0 / 1, not 0 / 0.
-    total = jnp.where(total == 0, 1, jnp.abs(total))
-    error = jnp.abs(expansion - luminance(exact)) / total
-    mean = jnp.mean(expansion)
-    ringing = jnp.min(expansion) / jnp.where(mean == 0, 1, mean)
-    return {"mean": jnp.mean(error), "max": jnp.max(error), "ringing": ringing}
+    return compare_irradiance(
+        luminance(irradiance(lighting, normals)), luminance(exact), total
+    )
+
+
+def compare_irradiance(expansion, exact, total) -> dict:
+    """Mean and largest error of irradiance over the total radiance, and the ringing.
+
+    Args:
+        expansion: Irradiance from coefficients, luminance at some normals, ``(N,)``.
+        exact: By the integral; arrays of JAX or of NumPy.
+        total: Radiance over the sphere, ``int L dw``.
+    """
+    mean = expansion.mean()
+    tiny = float(np.finfo(expansion.dtype).tiny)  # black light has no error: 0 / tiny
+    error = abs(expansion - exact) / (abs(total) + tiny)
+    ringing = expansion.min() * mean / (mean * mean + tiny)
+    return {"mean": error.mean(), "max": error.max(), "ringing": ringing}

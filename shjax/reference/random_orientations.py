@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import Array
-from shjax.sphere import frames
+from shjax.vectors import frames
 
 
 class Orientations(NamedTuple):

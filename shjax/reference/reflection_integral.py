@@ -40,7 +40,8 @@ from shjax.brdf.flux import lobe_angle
 from shjax.brdf.quadrature import kind_of
 from shjax.brdf.ranges import check_brdf
 from shjax.light import Light, light_samples
-from shjax.sphere import cube_directions, frames, mirror
+from shjax.sphere import cube_directions
+from shjax.vectors import frames, mirror
 
 _TILE, _BLOCK = 32, 1024
 

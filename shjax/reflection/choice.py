@@ -53,7 +53,7 @@ def choose_model(
     *,
     rms_error: float,
     max_bytes: int = 2**28,
-    energies: Energies | None = None,
+    energies: Energies | Callable[..., Energies] | None = None,
 ) -> ReflectionModel:
     """Choose the fastest reflection model whose predicted error is small enough.
 
@@ -71,7 +71,8 @@ def choose_model(
         max_bytes: Larger models are not considered; of maps beyond 16 MB, the size
             counts as time too.
         energies: From :func:`shjax.reflection.brdf_energies`, where one BRDF meets
-            several lights.
+            several lights; or a function that is called in its place, and may keep what
+            it finds.
 
     Returns:
         The model, a reflector; ``met`` is False where none is good enough, and it is then
@@ -83,9 +84,12 @@ def choose_model(
             do not fit.
     """
     check_brdf("brdf", brdf)
-    given = light_or_lighting
-    light = given if isinstance(given, PreparedLight) else prepare_light(given)
-    l_light = _check(light, rms_error, energies)
+    light = light_or_lighting
+    if not isinstance(light, PreparedLight):
+        light = prepare_light(light)
+    given = None if callable(energies) else energies
+    find = energies if callable(energies) else brdf_energies
+    l_light = _check(light, rms_error, given)
     channels = common_channels(light.coefs.shape[-1], brdf.channels, "brdf")
     coefs, rest = (
         None if a is None else jnp.broadcast_to(a, (*a.shape[:-1], channels))
@@ -96,10 +100,10 @@ def choose_model(
     directions = 0
     if light.lights is not None:
         directions = directions_per_light(light.lights, brdf)
-    degrees = _VIEW_DEGREES if energies is None else (energies.rho.shape[1] - 1,)
-    best, known = None, energies
+    degrees = _VIEW_DEGREES if given is None else (given.rho.shape[1] - 1,)
+    best, known = None, given
     for p_max in degrees:
-        known = energies or brdf_energies(brdf, l_max=l_light, p_max=p_max)
+        known = given or find(brdf, l_max=l_light, p_max=p_max)
         goal = _Goal(rms_error, max_bytes, directions)
         every = [
             _cheapest(coefs, brdf, known, goal, kept, n)

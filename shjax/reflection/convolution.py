@@ -24,7 +24,7 @@ from shjax.brdf.expansion import degrees_of_rho
 from shjax.harmonics import rotate, spread
 from shjax.harmonics.degrees import degree_of_coefs, degrees
 from shjax.reflection.view_basis import HarmonicViews, ViewBasis
-from shjax.sphere import frames
+from shjax.vectors import frames
 
 _POINTS_AT_ONCE = 64
 

@@ -14,8 +14,8 @@ from shjax.arrays import (
 )
 from shjax.brdf.core import Brdf
 from shjax.brdf.models import lambertian as lambertian_brdf
+from shjax.clamped_cosine import irradiance_coefs
 from shjax.harmonics import evaluate
-from shjax.irradiance import irradiance_coefs
 from shjax.light import Light
 from shjax.reference.random_orientations import (
     MeasuredError,

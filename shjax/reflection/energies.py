@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, as_float
+from shjax.arrays import Array, as_float, as_type
 from shjax.brdf.core import Brdf
 from shjax.brdf.expansion import brdf_coefs, expand, radial_coefs
 from shjax.envmap import EnvironmentMap
@@ -17,7 +17,8 @@ from shjax.harmonics.degrees import degree_of_coefs
 from shjax.light import Light, as_light
 from shjax.lights import CapLights, cap_coefs, split_lights
 from shjax.reflection.low_rank import LowRankBrdf, fit_low_rank, project
-from shjax.reflection.ranks import RANKS
+from shjax.reflection.ranks import RANKS, signed_functions
+from shjax.reflection.view_basis import LowRankViews
 
 _LIGHT_DEGREE = 100
 
@@ -78,8 +79,9 @@ def prepare_light(
     if not len(lights.heights):
         return PreparedLight(coefs, None, None)
     strongest = np.argsort(-np.sum(np.asarray(lights.flux), axis=-1), stable=True)
-    lights = jax.tree.map(lambda a: jnp.asarray(a, coefs.dtype)[strongest], lights)
-    one_by_one = jax.tree.map(lambda a: a[:, None], lights)
+    dtype = coefs.dtype
+    lights = jax.tree.map(lambda a: as_type(np.asarray(a)[strongest], dtype), lights)
+    one_by_one = jax.tree.map(lambda a: np.asarray(a)[:, None], lights)
     degree = degree_of_coefs(coefs)
     each = jax.vmap(lambda one: cap_coefs(one, l_max=degree))(one_by_one)
     later = jnp.cumsum(each[::-1], axis=0)[::-1] - each
@@ -123,12 +125,13 @@ def brdf_energies(
         )
     if rest is None:
         return Energies(diffuse, flat, diffuse, zero, zero, (), none, error)
-    sharp = expand(rest, l_max=l_max, p_max=p_max, accuracy=1e-4)
+    settings = {"l_max": l_max, "p_max": p_max, "accuracy": 1e-4, "check": 1.25}
+    sharp = expand(rest, **settings)
     rho = np.broadcast_to(np.asarray(sharp.rho, np.float64), shape)
     specular = np.broadcast_to(np.asarray(sharp.degree_energy, np.float64), flat.shape)
     both = specular
     if lambertian is not None:
-        whole = expand(brdf, l_max=l_max, p_max=p_max, accuracy=1e-4)
+        whole = expand(brdf, **settings)
         both = np.asarray(whole.degree_energy, np.float64)
     own = fit_low_rank(rest, maps=max(RANKS), l_max=l_max)
     held = np.asarray(own.kernels, np.float64)
@@ -138,6 +141,49 @@ def brdf_energies(
     fewer = tuple(own.fewer(maps) for maps in RANKS)
     error = float(sharp.error)
     return Energies(diffuse, specular, both, rho, about_r * rho, fewer, crossed, error)
+
+
+def energies_as_arrays(energies: Energies) -> dict[str, np.ndarray]:
+    """Energies as named arrays, to be stored; :func:`energies_from_arrays` undoes it."""
+    names = [n for n in Energies._fields if n not in ("low_rank", "error")]
+    arrays = {name: np.asarray(getattr(energies, name)) for name in names}
+    arrays["error"] = np.asarray(energies.error)
+    if energies.low_rank:
+        largest = energies.low_rank[-1]
+        arrays |= {
+            "kernels": np.asarray(largest.kernels),
+            "table": np.asarray(largest.views.table),
+            "lost_of": np.asarray(largest.energy),
+        }
+        arrays |= {f"test{q}": np.asarray(t) for q, t in enumerate(largest.tests)}
+    return arrays
+
+
+def energies_from_arrays(arrays: dict[str, np.ndarray], brdf: Brdf) -> Energies:
+    """Energies of a BRDF from what :func:`energies_as_arrays` made of them.
+
+    Args:
+        arrays: By name.
+        brdf: The BRDF that they are of.
+    """
+    names = [n for n in Energies._fields if n not in ("low_rank", "error")]
+    given = {name: arrays[name] for name in names}
+    low_rank: tuple[LowRankBrdf, ...] = ()
+    _, rest = split_parts(brdf)
+    if "kernels" in arrays and rest is not None:
+        tests = [jnp.asarray(arrays[f"test{q}"]) for q in range(len(RANKS[max(RANKS)]))]
+        views = LowRankViews(
+            jnp.asarray(arrays["table"]), *signed_functions(RANKS[max(RANKS)])
+        )
+        largest = LowRankBrdf(
+            jnp.asarray(arrays["kernels"]),
+            views,
+            jnp.asarray(arrays["lost_of"]),
+            tuple(tests),
+            rest,
+        )
+        low_rank = tuple(largest.fewer(maps) for maps in RANKS)
+    return Energies(**given, low_rank=low_rank, error=float(arrays["error"]))
 
 
 def split_parts(brdf: Brdf) -> tuple[Brdf | None, Brdf | None]:

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array
+from shjax.arrays import Array, as_type, numpy_or_jax
 from shjax.brdf.core import Brdf
 from shjax.brdf.quadrature import Resolution, moments_at, view_nodes
 from shjax.brdf.ranges import check_brdf
@@ -39,7 +39,7 @@ from shjax.reflection.ranks import (
 from shjax.reflection.view_basis import LowRankViews, view_lines
 
 _VIEWS = 96
-_RESOLUTION = Resolution(112, 56, _VIEWS)
+_RESOLUTION = Resolution(88, 44, _VIEWS)
 _MAX_ORDER = 32  # of the azimuth in the energies
 _UNIFORM = 1e4  # weight of degree 0 over the prior's: uniform light is met
 
@@ -85,11 +85,14 @@ class LowRankBrdf:
         ranks, larger = check_maps(maps), self.kernels.shape[1]
         rows = np.flatnonzero(functions_within(maps, larger))
         kept = np.flatnonzero(within(maps, larger))
-        views = LowRankViews(self.views.table[rows], *signed_functions(ranks))
-        tests = tuple(t[:n] for t, n in zip(self.tests, ranks, strict=False))
-        return dataclasses.replace(
-            self, kernels=self.kernels[:, kept], views=views, tests=tests
+        numpy = numpy_or_jax(self.kernels)
+        table, kernels, *tests = (
+            numpy.asarray(a) for a in (self.views.table, self.kernels, *self.tests)
         )
+        table, kernels = jnp.asarray(table[rows]), jnp.asarray(kernels[:, kept])
+        cut = (jnp.asarray(t[:n]) for t, n in zip(tests, ranks, strict=False))
+        views = LowRankViews(table, *signed_functions(ranks))
+        return dataclasses.replace(self, kernels=kernels, views=views, tests=tuple(cut))
 
 
 def fit_low_rank(brdf: Brdf, *, maps: int = 9, l_max: int = 128) -> LowRankBrdf:
@@ -133,12 +136,12 @@ def fit_low_rank(brdf: Brdf, *, maps: int = 9, l_max: int = 128) -> LowRankBrdf:
     functions, signed = signed_functions(ranks)
     dtype = brdf.parts[0].weight.dtype
     kernels = np.concatenate(profiles, axis=1)[:, functions]
-    views = LowRankViews(jnp.asarray(np.concatenate(table), dtype), functions, signed)
+    views = LowRankViews(as_type(np.concatenate(table), dtype), functions, signed)
     return LowRankBrdf(
-        jnp.asarray(kernels, dtype),
+        as_type(kernels, dtype),
         views,
-        jnp.asarray(energy, dtype),
-        tuple(jnp.asarray(test, dtype) for test in tests),
+        as_type(energy, dtype),
+        tuple(as_type(test, dtype) for test in tests),
         brdf,
     )
 

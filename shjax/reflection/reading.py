@@ -16,7 +16,8 @@ import numpy as np
 
 from shjax.arrays import as_float, check_vectors, einsum
 from shjax.reflection.view_basis import ViewBasis
-from shjax.sphere import in_spherical_frame, pixel_coordinates, polar_angles
+from shjax.sphere import pixel_coordinates
+from shjax.vectors import in_spherical_frame, polar_angles
 
 FRAMES = ("local", "global")
 CENTRES = ("reflection", "tangent")

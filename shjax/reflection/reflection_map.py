@@ -36,7 +36,7 @@ from shjax.reflection.reading import check_frame, read_latlong
 from shjax.reflection.reflector import check_against_integral
 from shjax.reflection.view_basis import HarmonicViews, ViewBasis
 from shjax.reflection.view_sum import sum_over_view
-from shjax.sphere import mirror
+from shjax.vectors import mirror
 
 
 @jax.tree_util.register_dataclass

@@ -13,7 +13,7 @@ from shjax.arrays import (
     shape_of,
 )
 from shjax.reflection.view_basis import ViewBasis
-from shjax.sphere import normalize
+from shjax.vectors import normalize
 
 
 @jax.jit

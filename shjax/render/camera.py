@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shjax.sphere import normalize
+from shjax.vectors import normalize
 
 Number = float | int | np.floating | np.integer
 Vector = Sequence[Number] | np.ndarray
@@ -86,7 +86,10 @@ def check_camera(camera: Camera) -> None:
 
 
 def camera_rays(
-    height: int, width: int, camera: Camera, offset: tuple[float, float] = (0.0, 0.0)
+    height: int,
+    width: int,
+    camera: Camera,
+    offset: tuple[float, float] | jax.Array = (0.0, 0.0),
 ) -> tuple[jax.Array, jax.Array]:
     """Origins and unit directions of the rays through the pixels.
 
@@ -107,10 +110,10 @@ def camera_rays(
     right = normalize(jnp.cross(forward, up))
     up = jnp.cross(right, forward)
     half = camera.width / 2 if camera.fov is None else math.tan(camera.fov / 2)
-    across = ((np.arange(width) + 0.5 + offset[1]) * 2 / width - 1) * half
-    down = ((np.arange(height) + 0.5 + offset[0]) * 2 / height - 1) * half
-    across = jnp.asarray(across, origin.dtype)
-    down = jnp.asarray(down * (height / width), origin.dtype)
+    # From the middle of the picture, so that both halves round alike.
+    across = jnp.asarray(np.arange(width) + 0.5 - width / 2, dtype) + offset[1]
+    down = jnp.asarray(np.arange(height) + 0.5 - height / 2, dtype) + offset[0]
+    across, down = (pixels * (2 * half / width) for pixels in (across, down))
     origin, forward, right, up = (v[None, None] for v in (origin, forward, right, up))
     plane = across[None, :, None] * right - down[:, None, None] * up
     if camera.fov is None:

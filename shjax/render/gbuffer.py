@@ -19,7 +19,7 @@ from shjax.arrays import (
     shape_of,
 )
 from shjax.render.camera import Camera, camera_rays, check_camera
-from shjax.sphere import normalize
+from shjax.vectors import normalize
 
 
 @jax.tree_util.register_dataclass
@@ -148,10 +148,14 @@ def _sphere(height: int, width: int, camera: Camera, albedo: jax.Array) -> GBuff
     centre = camera_rays(height, width, camera)
     normals, hit = _hit_sphere(*centre)
     offsets = [((i - 1.5) / 4, (j - 1.5) / 4) for i in range(4) for j in range(4)]
-    covered, partial = jnp.zeros_like(normals[..., 0]), jnp.zeros_like(normals)
-    for offset in offsets:
+
+    def add(total, offset):
         some, seen = _hit_sphere(*camera_rays(height, width, camera, offset))
-        covered, partial = covered + seen.astype(covered.dtype), partial + some
+        return (total[0] + seen.astype(some.dtype), total[1] + some), None
+
+    start = jnp.zeros_like(normals[..., 0]), jnp.zeros_like(normals)
+    parts = jnp.asarray(offsets, normals.dtype)
+    covered, partial = jax.lax.scan(add, start, parts)[0]
     normals = jnp.where(hit[..., None], normals, normalize(partial))
     seen = covered > 0
     views = jnp.where(seen[..., None], -centre[1], 0)

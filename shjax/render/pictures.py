@@ -11,12 +11,13 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import Array, as_float, check_vectors, picture_size
 from shjax.brdf import Brdf
+from shjax.clamped_cosine import irradiance
 from shjax.ibl import LitMaterial, PrefilteredLight
-from shjax.irradiance import irradiance
 from shjax.light import Light, as_panorama
 from shjax.reference import reference_irradiance, reference_reflection
 from shjax.reflection import Reflector
@@ -24,7 +25,7 @@ from shjax.reflection.reading import read_latlong
 from shjax.reflection.view_basis import HarmonicViews
 from shjax.render.camera import Camera, camera_rays
 from shjax.render.gbuffer import GBuffer
-from shjax.sphere import mirror
+from shjax.vectors import mirror
 
 
 def image(
@@ -70,6 +71,7 @@ def _lambertian(gbuffer: GBuffer, lighting: jax.Array) -> jax.Array:
     return _reflect(gbuffer, irradiance(lighting, gbuffer.normals))
 
 
+@jax.jit
 def _reflect(gbuffer: GBuffer, irradiance_map: jax.Array) -> jax.Array:
     scale = gbuffer.albedo * gbuffer.mask[..., None] / math.pi
     return irradiance_map * scale.astype(irradiance_map.dtype)
@@ -108,19 +110,22 @@ def reference(
         ValueError: If a shape is wrong or tangents are missing.
     """
     # Only the seen pixels are integrated: their number is data, so this runs eagerly.
-    rows, columns = jnp.nonzero(gbuffer.mask > 0)
-    normals = gbuffer.normals[rows, columns]
+    seen = np.asarray(gbuffer.mask) > 0
+    normals = np.asarray(gbuffer.normals)[seen]
     if brdf is None:
         values = reference_irradiance(light, normals)
     else:
-        views = gbuffer.views[rows, columns]
-        tangents = None if gbuffer.tangents is None else gbuffer.tangents[rows, columns]
+        views = np.asarray(gbuffer.views)[seen]
+        tangents = gbuffer.tangents
+        tangents = None if tangents is None else np.asarray(tangents)[seen]
         values = reference_reflection(light, brdf, normals, views, tangents=tangents)
-    shape = (*gbuffer.mask.shape, values.shape[-1])
-    exact = jnp.zeros(shape, values.dtype).at[rows, columns].set(values)
-    return _reflect(gbuffer, exact) if brdf is None else covered(gbuffer, exact)
+    exact = np.zeros((*seen.shape, values.shape[-1]), values.dtype)
+    exact[seen] = values
+    finish = _reflect if brdf is None else covered
+    return finish(gbuffer, jnp.asarray(exact))
 
 
+@jax.jit
 def covered(gbuffer: GBuffer, values: jax.Array) -> jax.Array:
     """Scale radiance by albedo and coverage; 0 where nothing is seen."""
     scale = gbuffer.albedo * gbuffer.mask[..., None]

@@ -3,6 +3,10 @@
 ``min |W^(1/2) (A x - y)|`` has the minimiser of ``min |R x - z|`` with ``A = Q R`` and
 ``z = Q^T y``: whatever is solved afterwards (plain, with a prior, nonlinear) works on J
 rows for J unknowns, and no longer knows how many pixels there were.
+
+References:
+    [F14] T. Fukaya et al., CholeskyQR2: a simple and communication-avoiding algorithm for
+    computing a tall-skinny QR factorization, ScalA 2014.
 """
 
 from __future__ import annotations
@@ -12,7 +16,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from shjax.arrays import einsum, safe_sqrt
+from shjax.arrays import einsum, matmul, safe_sqrt
+
+_ROUNDING = 8.0  # of a Gram matrix, over its trace, in units of the type's precision
+_FEW_COLUMNS = 12  # of which reflections are as quick
+_LEAST_PIVOT = 1e-3  # squared, of nearly orthonormal columns
 
 
 class Compressed(NamedTuple):
@@ -35,6 +43,11 @@ class Compressed(NamedTuple):
     used: jax.Array
     q: jax.Array
     root: jax.Array
+
+    @property
+    def own(self) -> jax.Array:
+        """The triangles without copies, ``(D, J, J)``."""
+        return self.r[: len(self.q)]
 
 
 def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compressed:
@@ -60,15 +73,15 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
     target = jnp.where(root > 0, target, 0) * root
     weighted = design * root.T[..., None]  # [d, n, j]
     # One by one: see inverse_and_log_det for what batches may do.
-    factors = [jnp.linalg.qr(weighted[d]) for d in range(wide[1])]
+    factors = [tall_qr(weighted[d]) for d in range(wide[1])]
     own, r = (jnp.stack(some) for some in zip(*factors, strict=True))
-    q, r = (jnp.broadcast_to(a, (channels, *a.shape[1:])) for a in (own, r))
+    r = jnp.broadcast_to(r, (channels, *r.shape[1:]))
 
     # Twice: the second time takes what a long float32 sum lost the first time.
     z, left = jnp.zeros_like(r[..., 0]), target
     for _ in range(2):
-        more = einsum("cnj,nc->cj", q, left)
-        z, left = z + more, left - einsum("cnj,cj->nc", q, more)
+        more = _onto(own, left)
+        z, left = z + more, left - predicted(own, more.T)
     count = jnp.broadcast_to(jnp.sum(root > 0, axis=0), (channels,))
     rest, power = (jnp.sum(a * a, axis=0) for a in (left, target))
     return Compressed(
@@ -82,11 +95,57 @@ def compress(design: jax.Array, target: jax.Array, weights: jax.Array) -> Compre
     )
 
 
+def tall_qr(a: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Thin QR factorisation of many rows, by Cholesky factors where that is as exact.
+
+    ``A^T A = R^T R``, twice [F14]: four products, three times faster than reflections on
+    a CPU, and made of what a GPU does well. The first factor, of a Gram matrix lifted by
+    its rounding, leaves columns that are nearly orthonormal; where they are not (few
+    normals, a box), Householder reflections do it.
+
+    Args:
+        a: ``(N, J)``, N >= J.
+    """
+    size, dtype = a.shape[1], a.dtype
+    if size < _FEW_COLUMNS:
+        q, r = jnp.linalg.qr(a)
+        return q, r
+    identity = jnp.eye(size, dtype=dtype)
+    rounding = _ROUNDING * jnp.finfo(dtype).eps
+    gram = matmul(a.T, a)
+    power = jnp.trace(gram)
+    lift = rounding * jnp.where(power > 0, power, 1)
+    first = jnp.linalg.cholesky(gram + lift * identity).T
+    nearly = matmul(a, _inverse(first))
+    second = matmul(nearly.T, nearly)
+    known = jax.lax.stop_gradient(second) + rounding * size * identity
+    pivots = jnp.diagonal(jnp.linalg.cholesky(known))
+    regular = jnp.min(pivots) ** 2 > _LEAST_PIVOT
+
+    def by_cholesky() -> tuple[jax.Array, jax.Array]:
+        factor = jnp.linalg.cholesky(jnp.where(regular, second, identity)).T
+        return matmul(nearly, _inverse(factor)), matmul(factor, first)
+
+    return jax.lax.cond(regular, by_cholesky, lambda: tuple(jnp.linalg.qr(a)))
+
+
+def _inverse(triangle: jax.Array) -> jax.Array:
+    identity = jnp.eye(len(triangle), dtype=triangle.dtype)
+    return jax.scipy.linalg.solve_triangular(triangle, identity)
+
+
+def _onto(q: jax.Array, target: jax.Array) -> jax.Array:
+    """``Q^T y`` of each channel, ``(C, J)``, by one product where Q is that of all."""
+    if len(q) == 1:
+        return matmul(target.T, q[0])
+    return einsum("cnj,nc->cj", q, target)
+
+
 def predicted(design: jax.Array, mean: jax.Array) -> jax.Array:
     """Predict the pixels ``(N, C)`` of an answer ``(J, C)``."""
-    shape = (mean.shape[1], *design.shape[1:])
-    every = jnp.broadcast_to(design, shape)
-    return einsum("cnj,jc->nc", every, mean)
+    if len(design) == 1:
+        return matmul(design[0], mean)
+    return einsum("cnj,jc->nc", design, mean)
 
 
 def first_columns(problem: Compressed, size: int) -> Compressed:

@@ -12,6 +12,7 @@ from shjax.arrays import einsum
 from shjax.inverse.linear import priors
 from shjax.inverse.linear.compression import Compressed, first_columns, noise_variance
 from shjax.inverse.linear.least_squares import diagnose, least_squares, tolerance_of
+from shjax.inverse.linear.marginal import posterior
 from shjax.inverse.linear.reporting import Fit
 
 
@@ -29,7 +30,7 @@ def solve_compressed(
     variance = noise_variance(speaks, sigma)
     if sd is not None:
         unit = _unit(problem, degree)
-        found = priors.posterior(problem, sd, unit, variance, priors.roles(sd.shape[0]))
+        found = posterior(problem, sd, unit, variance, degree)
         whole = jnp.all(jnp.isfinite(found.mean))
         return Fit(*found, unit, problem, variance, jnp.asarray(1), whole)
     tolerance = tolerance_of(problem.r)
@@ -82,9 +83,8 @@ def _unit(problem: Compressed, degree: np.ndarray) -> jax.Array:
     right = jnp.einsum("cji,cj->ci", low.r, low.z)
     tiny = jnp.finfo(gram.dtype).tiny
     held = 1e-3 * jnp.trace(gram, axis1=1, axis2=2) + tiny**0.5
-    value = jnp.linalg.solve(
-        gram + jax.vmap(jnp.diag)(jnp.broadcast_to(held[:, None], right.shape)),
-        right[..., None],
-    )
+    identity = jnp.broadcast_to(jnp.eye(gram.shape[1], dtype=gram.dtype), gram.shape)
+    factor = jnp.linalg.cholesky(gram + held[:, None, None] * identity)
+    value = jax.scipy.linalg.cho_solve((factor, True), right[..., None])
     level = jnp.abs(value[:, 0, 0])
     return jnp.where(level > 0, level, 1)

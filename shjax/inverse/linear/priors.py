@@ -36,8 +36,6 @@ from jax.core import Tracer
 from shjax.arrays import Array, einsum
 from shjax.harmonics.degrees import check_l_max
 from shjax.inverse.estimate import ChosenPrior
-from shjax.inverse.linear.compression import Compressed
-from shjax.inverse.linear.least_squares import regularised
 
 FIT_L_MAX = 10  # beyond, the clamped cosine passes less than a thousandth of the energy
 # So many degrees above the fit move the answer too: that is in its covariance.
@@ -50,7 +48,6 @@ _UNBOUNDED = 1e3  # of L_00 itself
 # What the covariance leaves to wide members; see experiments/calibration.py.
 _WIDE = 1.0  # the least scale of a wide member
 _BRIGHT = (6.0, 10.0, 16.0)  # scales that count for the covariance alone
-_DOUBT, _WIDE_EVIDENCE = 0.3, 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,17 +116,53 @@ class PriorFamily(NamedTuple):
     free: np.ndarray
 
 
+class Laws(NamedTuple):
+    """Power laws of one kind: every scale of every shape.
+
+    Attributes:
+        fixed: Deviations of the degrees that no scale changes, the first ones.
+        shapes: Deviations of all degrees at scale 1, one law per row, ``(S, L)``.
+        scales: ``(T,)``.
+        slopes: Of the shapes, ``(S,)``.
+    """
+
+    fixed: np.ndarray
+    shapes: np.ndarray
+    scales: np.ndarray
+    slopes: np.ndarray
+
+
+@functools.lru_cache(maxsize=8)
+def laws(l_max: int) -> tuple[Laws, Laws]:
+    """Make the power laws to degree ``l_max``: from degree 1 on, and beside free ones."""
+    degrees = np.maximum(np.arange(l_max + 1), 1)
+    scales = np.array([*_SCALES, *_BRIGHT])
+    kinds = ([_UNBOUNDED], 2.0), ([_UNBOUNDED, _FREE, _FREE], 4.0)
+    one, other = (
+        Laws(
+            np.array(fixed[: l_max + 1]),
+            (degrees / start) ** -_SLOPES[:, None],
+            scales,
+            _SLOPES,
+        )
+        for fixed, start in kinds
+    )
+    return one, other
+
+
 @functools.lru_cache(maxsize=8)
 def family(l_max: int) -> PriorFamily:
-    """Make the family of priors to degree ``l_max``."""
-    degrees = np.maximum(np.arange(l_max + 1), 1)
-    axes = ([*_SCALES, *_BRIGHT], _SLOPES, [False, True])
-    scales, slopes, free = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
-    start = np.where(free, 4.0, 2.0)[:, None]
-    deviations = scales[:, None] * (degrees / start) ** -slopes[:, None]
-    deviations[:, 1:3] = np.where(free[:, None], _FREE, deviations[:, 1:3])
-    deviations[:, 0] = _UNBOUNDED
-    return PriorFamily(deviations, scales, slopes, free)
+    """Make the family of priors to degree ``l_max``: kind by kind, shape by shape."""
+    parts = []
+    for free, law in enumerate(laws(l_max)):
+        deviations = law.scales[None, :, None] * law.shapes[:, None]  # [s, t, l]
+        deviations[..., : len(law.fixed)] = law.fixed
+        slopes, scales = np.meshgrid(law.slopes, law.scales, indexing="ij")
+        parts.append((deviations, scales, slopes, np.full(scales.shape, bool(free))))
+    return PriorFamily(
+        np.concatenate([part[0].reshape(-1, l_max + 1) for part in parts]),
+        *(np.concatenate([part[k].ravel() for part in parts]) for k in (1, 2, 3)),
+    )
 
 
 class Roles(NamedTuple):
@@ -152,92 +185,6 @@ def roles(count: int) -> Roles:
     return Roles(members.scales < _BRIGHT[0], members.scales >= _WIDE)
 
 
-class Posterior(NamedTuple):
-    """Mean and covariance under a family of priors.
-
-    Attributes:
-        mean: ``(J, C)``.
-        covariance: ``(C, J, J)``.
-        within: The members' own covariance, without how far they lie apart, ``(C, J, J)``.
-        share: Of each unknown's variance that the data left, ``(J, C)``, in [0, 1].
-        weights: Of the members, ``(G,)``.
-    """
-
-    mean: jax.Array
-    covariance: jax.Array
-    within: jax.Array
-    share: jax.Array
-    weights: jax.Array
-
-
-def posterior(
-    problem: Compressed,
-    deviations: jax.Array,
-    units: jax.Array,
-    variance: jax.Array,
-    members: Roles,
-) -> Posterior:
-    """Average the members' posteriors by their marginal likelihood [M92, section 4].
-
-    Args:
-        problem: The compressed data.
-        deviations: Of the unknowns, relative to ``units``, ``(G, J)``.
-        units: One a channel, ``(C,)``.
-        variance: Of a pixel of weight 1, ``(C,)``.
-        members: Which of them do what.
-    """
-    dtype = problem.r.dtype
-    wide = jnp.result_type(float)  # small, so in the widest type there is
-    r, z, units, variance = (
-        a.astype(wide) for a in (problem.r, problem.z, units, variance)
-    )
-    root = jnp.sqrt(variance)
-    r, z = r / root[:, None, None], z / root[:, None]
-    sd = jnp.asarray(deviations, wide)[:, None] * units[None, :, None]  # [g, c, j]
-    evidence, mean, inverse = jax.vmap(
-        jax.vmap(_member, in_axes=(0, 0, 0)), in_axes=(None, None, 0)
-    )(r, z, sd)
-    weights = _weights(jnp.sum(evidence, axis=1), members.answers)
-    answer = einsum("g,gcj->cj", weights, mean)
-    within = einsum("g,gcij->cij", weights, inverse)
-    doubted = _doubted(jnp.mean(evidence, axis=1), members)
-    apart = mean - answer[None]
-    covariance = einsum("g,gcij->cij", doubted, inverse)
-    covariance = covariance + einsum("g,gci,gcj->cij", doubted, apart, apart)
-    left = jnp.diagonal(inverse, axis1=2, axis2=3) / sd**2
-    share = jnp.clip(einsum("g,gcj->jc", weights, left), 0, 1)
-    return Posterior(
-        answer.T.astype(dtype),
-        covariance.astype(dtype),
-        within.astype(dtype),
-        share.astype(dtype),
-        weights.astype(dtype),
-    )
-
-
-def _weights(evidence: jax.Array, allowed: np.ndarray) -> jax.Array:
-    return jax.nn.softmax(jnp.where(jnp.asarray(allowed), evidence, -jnp.inf))
-
-
-def _doubted(evidence: jax.Array, members: Roles) -> jax.Array:
-    """Weights for the covariance: light that a picture does not show may be bright.
-
-    A few numbers, as many as a box has faces, fit a law of small deviations by chance, and
-    a lamp behind the camera follows no power law. So a share of the weight stays with
-    the wide members, whose evidence counts little; many pixels still rule them out.
-
-    Args:
-        evidence: Mean over the channels: those of one light are nearly copies of each
-            other, and speak once.
-        members: Which of them do what.
-    """
-    if not np.any(members.wide):
-        return _weights(evidence, members.answers)
-    own = _weights(evidence, members.answers)
-    wide = _weights(_WIDE_EVIDENCE * evidence, members.wide)
-    return (1 - _DOUBT) * own + _DOUBT * wide
-
-
 def chosen(weights: jax.Array, l_max: int) -> ChosenPrior:
     """Prior that a picture chose: means over the family."""
     members = family(l_max)
@@ -256,18 +203,3 @@ def deviations_at(weights: jax.Array, degree: np.ndarray) -> jax.Array:
     """Deviations over L_00 at any degrees, root mean square over the family, ``(T,)``."""
     squares = family(int(degree.max())).deviations[:, degree] ** 2
     return jnp.sqrt(einsum("g,gt->t", weights, jnp.asarray(squares, weights.dtype)))
-
-
-def _member(r: jax.Array, z: jax.Array, sd: jax.Array):
-    """Log evidence, mean and covariance under one prior.
-
-    Unknowns in units of their deviations: the prior is ``|x|^2``, rows of their own.
-    """
-    size = sd.shape[0]
-    rows = jnp.concatenate([r * sd[None], jnp.eye(size, dtype=r.dtype)])
-    right = jnp.concatenate([z, jnp.zeros(size, z.dtype)])
-    x, inverse, log_det = regularised(rows, right)
-    # The residual, not the power explained: that is large and nearly the same for all.
-    left = right - einsum("ij,j->i", rows, x)
-    evidence = -(log_det + jnp.sum(left * left)) / 2
-    return evidence, sd * x, inverse * sd[:, None] * sd[None]

@@ -9,12 +9,18 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from shjax.arrays import einsum, matmul
+from shjax.arrays import Array, einsum, matmul
 from shjax.brdf import Brdf
 from shjax.brdf.expansion import radial_gains
+from shjax.brdf.models import lambertian
 from shjax.inverse.estimate import Estimate
 from shjax.inverse.linear.compression import compress
 from shjax.inverse.reflectance.families import AMPLITUDE_VARIANCE, LobeFamily
+from shjax.inverse.reflectance.kernel_basis import (
+    KernelBasis,
+    has_basis,
+    kernel_basis,
+)
 from shjax.inverse.reflectance.nonlinear import Found, approach, refine, search
 from shjax.inverse.shown.glossy import Lit, ViewTable, light_up, reflected, table_to
 from shjax.inverse.shown.pixels import Pixels
@@ -33,7 +39,9 @@ class Shown(NamedTuple):
         albedo: ``(N, 1)`` or ``(N, C)``.
         root: Roots of the weights, ``(N,)``.
         image: Times the roots, ``(N, C)``; compressed right sides ``(J, C)``.
-        r: Triangles over the gains about the normal and about R, ``(C, J, J)``, or None.
+        r: Triangles ``(C, J, J)`` over the gains about the normal and about R, or over the
+            diffuse part and a basis of kernels; None where nothing is compressed.
+        basis: Of the lobe's kernels, or None.
     """
 
     lit: Lit | None
@@ -41,13 +49,13 @@ class Shown(NamedTuple):
     root: jax.Array
     image: jax.Array
     r: jax.Array | None = None
+    basis: KernelBasis | None = None
 
 
-@functools.partial(jax.jit, static_argnames=("kind", "min_cosine"))
 def estimate_parameters(
     pixels: Pixels,
-    normals: jax.Array,
-    views: jax.Array,
+    normals: Array,
+    views: Array,
     lighting: jax.Array,
     sigma: jax.Array | None,
     starts: jax.Array,
@@ -56,10 +64,47 @@ def estimate_parameters(
     min_cosine: float,
 ) -> Estimate:
     """Estimate a parametric lobe: search from many starts, refine the best."""
+    basis = None
+    if has_basis(kind) and not _radial(kind, starts, pixels):
+        l_max = math.isqrt(lighting.shape[0]) - 1
+        basis = kernel_basis(kind, table_to(min_cosine), l_max, starts.dtype)
+    return _estimate(
+        pixels,
+        normals,
+        views,
+        lighting,
+        sigma,
+        starts,
+        basis,
+        kind=kind,
+        min_cosine=min_cosine,
+    )
+
+
+def _radial(kind: LobeFamily, starts: jax.Array, pixels: Pixels) -> bool:
+    """Whether all parts of a lobe have closed gains."""
+    with jax.ensure_compile_time_eval():
+        start = jnp.zeros(starts.shape[1], starts.dtype)
+        brdfs, _ = kind.split(start, pixels.image.shape[-1])
+    return all(p.model.radial is not None for brdf in brdfs for p in brdf.parts)
+
+
+@functools.partial(jax.jit, static_argnames=("kind", "min_cosine"))
+def _estimate(
+    pixels: Pixels,
+    normals: Array,
+    views: Array,
+    lighting: jax.Array,
+    sigma: jax.Array | None,
+    starts: jax.Array,
+    basis: KernelBasis | None,
+    *,
+    kind: LobeFamily,
+    min_cosine: float,
+) -> Estimate:
     table = table_to(min_cosine)
     channels, wide = pixels.image.shape[-1], starts.dtype
-    brdfs, _ = kind.split(starts[0], channels)
-    radial = all(p.model.radial is not None for brdf in brdfs for p in brdf.parts)
+    radial = _radial(kind, starts, pixels)
     lit = light_up(lighting, normals, views, table, radial=radial)
     lit = jax.tree.map(lambda a: a.astype(wide), lit)
     root = jnp.sqrt(pixels.weights).astype(wide)
@@ -69,8 +114,8 @@ def estimate_parameters(
     level = jnp.maximum(jnp.sqrt(power / used), jnp.finfo(wide).tiny ** 0.5)
     shown = Shown(lit, pixels.albedo.astype(wide), root, image)
     rest = jnp.zeros(channels, wide)
-    if radial:
-        shown, rest = _compressed(shown)
+    if radial or basis is not None:
+        shown, rest = _compressed(shown, basis, diffuse=kind.diffuse)
         few = shown
     else:
         step = -(-image.shape[0] // _SEARCHED)
@@ -96,15 +141,27 @@ def estimate_parameters(
     )
 
 
-def _compressed(shown: Shown) -> tuple[Shown, jax.Array]:
-    """A radial problem in its gains, and what no gains explain of the squares, ``(C,)``."""
-    assert shown.lit is not None
-    both = jnp.concatenate([shown.lit.normal, shown.lit.mirror], axis=1)  # [n, 2 l, c]
+def _compressed(
+    shown: Shown, basis: KernelBasis | None, *, diffuse: bool
+) -> tuple[Shown, jax.Array]:
+    """A problem in its gains or kernels, and what none explain of the squares, ``(C,)``."""
+    lit = shown.lit
+    assert lit is not None
+    if basis is None:
+        both = jnp.concatenate([lit.normal, lit.mirror], axis=1)  # [n, 2 l, c]
+    else:
+        both = basis.columns(lit)
+        if diffuse:
+            white = lambertian(jnp.ones(1, both.dtype))
+            gains = radial_gains(white.parts[0], lit.normal.shape[1] - 1)[:, 0]
+            matte = einsum("nlc,l->nc", lit.normal, gains.astype(both.dtype))
+            both = jnp.concatenate([matte[:, None], both], axis=1)
     both = both * jnp.broadcast_to(shown.albedo[:, None], both.shape)
     weights = shown.root**2
     safe = jnp.where(shown.root > 0, shown.root, 1)[:, None]
     problem = compress(jnp.transpose(both, (2, 0, 1)), shown.image / safe, weights)
-    return shown._replace(lit=None, image=problem.z.T, r=problem.r), problem.rest
+    small = shown._replace(lit=None, image=problem.z.T, r=problem.r, basis=basis)
+    return small, problem.rest
 
 
 def _compare(
@@ -113,6 +170,9 @@ def _compare(
     """Residuals in standard deviations, flat."""
     shown, sigma = args
     channels = shown.image.shape[1]
+    if shown.basis is not None:
+        made = _of_kernels(kind, shown, value)
+        return ((made - shown.image) / sigma[None]).ravel()
     brdfs, shares = kind.split(value, channels)
     made = jnp.zeros_like(shown.image)
     for brdf, share in zip(brdfs, shares, strict=True):
@@ -123,6 +183,18 @@ def _compare(
             part = _of_gains(brdf, shown.r)
         made = made + part * share[None]
     return ((made - shown.image) / sigma[None]).ravel()
+
+
+def _of_kernels(kind: LobeFamily, shown: Shown, value: jax.Array) -> jax.Array:
+    """Right sides of a problem compressed over a basis of kernels, ``(J, C)``."""
+    assert shown.r is not None
+    assert shown.basis is not None
+    channels = shown.image.shape[1]
+    amplitudes = kind.shares(value[1:].reshape(-1, channels))
+    parts = amplitudes[-1:] * shown.basis.shares(value[0])[:, None]
+    if kind.diffuse:
+        parts = jnp.concatenate([amplitudes[:1], parts])
+    return einsum("cij,jc->ic", shown.r, parts)
 
 
 def _of_gains(brdf: Brdf, r: jax.Array) -> jax.Array:

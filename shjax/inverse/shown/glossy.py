@@ -26,7 +26,7 @@ from shjax.brdf.expansion import radial_gains
 from shjax.brdf.quadrature import Resolution, moments_at
 from shjax.harmonics import basis, rotate
 from shjax.harmonics.degrees import degrees
-from shjax.sphere import mirror, normalize
+from shjax.vectors import mirror, normalize
 
 _POINTS_AT_ONCE = 256
 

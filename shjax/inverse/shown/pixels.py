@@ -15,6 +15,7 @@ from shjax.arrays import (
     as_float,
     as_number_or_float,
     check_channels,
+    numpy_or_jax,
     shape_of,
 )
 
@@ -86,18 +87,19 @@ def flatten(image, seen, mask, albedo) -> Pixels:
     check_channels("image", image, "C", 1)
     image = as_float("image", image)
     points, dtype = image.shape[:-1], image.dtype
-    weights = jnp.asarray(seen, dtype)
+    numpy = numpy_or_jax(image, seen, mask)
+    weights = numpy.asarray(seen, dtype)
     if mask is not None:
         if shape_of("mask", mask) != points:
             raise ValueError(f"mask must have shape {points}; got {mask.shape}.")
-        weights = weights * as_number_or_float("mask", mask, dtype)
+        weights = weights * numpy.asarray(as_number_or_float("mask", mask, dtype))
     shape = jnp.shape(albedo)
     last = 1 if not shape or shape[-1] == 1 else image.shape[-1]
     albedo = fit("albedo", albedo, (*points, last), dtype)
     concrete = not any(isinstance(a, Tracer) for a in (image, weights))
-    if concrete and bool(jnp.any(weights < 0)):
+    if concrete and np.any(weights < 0):
         raise ValueError("mask must not be negative.")
-    if not isinstance(albedo, Tracer) and bool(jnp.any(albedo < 0)):
+    if not isinstance(albedo, Tracer) and np.any(np.asarray(albedo) < 0):
         raise ValueError("albedo must not be negative.")
     if concrete:
         bad = ~np.isfinite(np.asarray(image)[np.asarray(weights) > 0])
@@ -107,7 +109,7 @@ def flatten(image, seen, mask, albedo) -> Pixels:
             )
     return Pixels(
         image.reshape(-1, image.shape[-1]),
-        weights.reshape(-1),
+        jnp.asarray(weights.reshape(-1)),
         albedo.reshape(-1, last),
     )
 
@@ -119,8 +121,9 @@ def fit(name: str, value, shape: tuple[int, ...], dtype) -> jax.Array:
         ValueError: If it does not.
     """
     array = as_number_or_float(name, value, dtype)
+    numpy = numpy_or_jax(array)
     try:
-        return jnp.broadcast_to(array, shape)
+        return jnp.asarray(numpy.broadcast_to(numpy.asarray(array), shape))
     except ValueError as error:
         raise ValueError(
             f"{name} must be a number or broadcast to {shape}; got {jnp.shape(value)}."

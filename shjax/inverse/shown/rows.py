@@ -20,9 +20,10 @@ import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import map_blocks
+from shjax.clamped_cosine import cosine_kernel_table
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
-from shjax.irradiance import cosine_kernel_table
+from shjax.harmonics.evaluation import some_harmonics
 from shjax.render import Trace, visibility
 from shjax.sphere import fibonacci_directions
 
@@ -44,7 +45,8 @@ def cosine_rows(normals: jax.Array, l_max: int) -> jax.Array:
     gains = cosine_kernel_table(l_max)[degrees(l_max)] / math.pi
     seen = np.flatnonzero(gains)
     # Only the columns that are used are kept: odd degrees above 1 are half of all.
-    columns = basis(normals, l_max=l_max)[..., seen]
+    columns = some_harmonics(normals.reshape(-1, 3), l_max, seen)
+    columns = columns.reshape(*normals.shape[:-1], len(seen))
     nonzero = jnp.any(normals != 0, axis=-1, keepdims=True)
     scaled = columns * jnp.broadcast_to(
         jnp.asarray(gains[seen], normals.dtype), columns.shape

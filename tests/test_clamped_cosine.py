@@ -8,8 +8,8 @@ from scipy.integrate import quad
 from scipy.special import eval_legendre
 
 import shjax
+from shjax.clamped_cosine import clamped_cosine_coefs, cosine_kernel_table
 from shjax.colour import luminance
-from shjax.irradiance import clamped_cosine_coefs, cosine_kernel_table
 from shjax.reference.irradiance_integral import irradiance_error
 from shjax.sphere import fibonacci_directions, latlong_directions
 from tests.helpers import check_gradients, relative_error, unit_vectors

@@ -1,0 +1,96 @@
+"""Words that options take: the library's tables by name, so that help needs no JAX.
+
+A test compares each with the table it names.
+"""
+
+from __future__ import annotations
+
+BRDFS = (
+    "lambertian",
+    "phong",
+    "phong_cosine",
+    "gaussian_microfacet",
+    "ggx",
+    "metallic_roughness",
+    "lafortune",
+    "kajiya_kay",
+    "charlie",
+    "merl",
+    "cornell",
+    "curet",
+)
+CONVENTIONS = (
+    "shjax",
+    "blender",
+    "three.js",
+    "cmgen",
+    "cmgen irradiance",
+    "cmgen shader",
+    "cmgen no-mirror",
+    "cmgen no-mirror irradiance",
+    "cmgen no-mirror shader",
+    "mitsuba",
+    "openexr",
+    "usd",
+    "babylon.js",
+    "babylon.js shader",
+    "cmft",
+    "rh01",
+    "google spherical-harmonics",
+    "materialx",
+    "materialx irradiance",
+    "debevec",
+    "skylibs",
+    "nvdiffrec",
+    "gltf",
+    "unity",
+    "unreal",
+    "arkit",
+    "arcore",
+    "directxmath",
+)
+FORMATS = (
+    "json",
+    "csv",
+    "c",
+    "three",
+    "gltf",
+    "cmgen",
+    "cmgen-no-mirror",
+    "cmgen-irradiance",
+    "cmgen-no-mirror-irradiance",
+    "cmgen-shader",
+    "cmgen-no-mirror-shader",
+)
+INVALID = ("error", "clamp", "zero", "keep")
+LAYOUTS = (
+    "latlong",
+    "angular",
+    "mirror_ball",
+    "vertical_cross",
+    "horizontal_cross",
+    "vertical_strip",
+    "horizontal_strip",
+    "octahedral",
+    "dual_paraboloid",
+    "openexr_latlong",
+    "openexr_cube",
+)
+COMPRESSIONS = (
+    "none",
+    "rle",
+    "zips",
+    "zip",
+    "piz",
+    "pxr24",
+    "b44",
+    "b44a",
+    "dwaa",
+    "dwab",
+)
+MAPS = ("4", "9", "16", "21")
+NORMAL_FRAMES = ("world", "blender", "mitsuba", "camera", "opencv")
+SEEN_FRAMES = ("camera", "opencv")  # in which the direction to the camera is known
+OPERATORS = ("reinhard", "linear", "aces")
+UP_AXES = ("y", "z")
+WINDOWS = ("none", "hann", "lanczos", "sinc^4", "automatic")

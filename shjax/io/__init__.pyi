@@ -1,0 +1,12 @@
+from .brdf_coefs import read_brdf_coefs as read_brdf_coefs
+from .brdf_coefs import write_brdf_coefs as write_brdf_coefs
+from .coefs import read_coefs as read_coefs
+from .coefs import write_coefs as write_coefs
+from .envmaps import read_envmap as read_envmap
+from .envmaps import shipped_panorama as shipped_panorama
+from .images import read_image as read_image
+from .images import read_vectors as read_vectors
+from .images import write_image as write_image
+from .prefiltered import lights_as_json as lights_as_json
+from .prefiltered import write_prefiltered as write_prefiltered
+from .writing import write_text as write_text
