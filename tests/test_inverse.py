@@ -2,6 +2,8 @@
 
 import functools
 import json
+import subprocess
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -742,3 +744,26 @@ def test_tall_factorisation_of_any_rank(rng, shape):
     np.testing.assert_allclose(q.T @ q, np.eye(shape[1]), atol=60 * eps)
     np.testing.assert_allclose(q @ r, a, atol=60 * eps * np.linalg.norm(a))
     np.testing.assert_allclose(np.tril(r, -1), 0, atol=60 * eps)
+
+
+def test_many_pictures_at_once_do_not_wait_for_ever():
+    """In a process of its own: jaxlib's batched factorisations hung it on two cores."""
+    script = """
+import jax, jax.numpy as jnp, numpy as np, shjax
+rng = np.random.default_rng(0)
+normals = rng.normal(size=(128, 100, 3)).astype(np.float32)
+normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+images = rng.random((128, 100, 3), np.float32)
+value = lambda image, normals: shjax.estimate_lighting(image, normals).value
+found = jax.jit(jax.vmap(value))(images, normals)
+alone = value(images[7], normals[7])
+print(float(jnp.max(jnp.abs(found[7] - alone)) / jnp.max(jnp.abs(alone))))
+"""
+    finished = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    assert float(finished.stdout) < 1e-3

@@ -87,6 +87,24 @@ def _by_cholesky(matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 @jax.custom_jvp
+def inverse_of_triangle(r: jax.Array) -> jax.Array:
+    """Inverse of an upper triangle; one at a time, as :func:`inverse_and_log_det`."""
+    return _by_substitution(r)
+
+
+@inverse_of_triangle.defjvp
+def _inverse_of_triangle_jvp(primals, tangents):
+    (r,), (moved,) = primals, tangents
+    inverse = inverse_of_triangle(r)
+    return inverse, -matmul(matmul(inverse, jnp.triu(moved)), inverse)
+
+
+@jax.custom_batching.sequential_vmap
+def _by_substitution(r: jax.Array) -> jax.Array:
+    return jax.scipy.linalg.solve_triangular(r, jnp.eye(len(r), dtype=r.dtype))
+
+
+@jax.custom_jvp
 def regularised(a: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Minimiser of ``|a x - y|``, inverse and log determinant of ``a^T a``.
 

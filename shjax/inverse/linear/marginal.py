@@ -163,16 +163,13 @@ def _solve(r, z, units, variance, kinds: _Kinds) -> _Solved:
         ],
         axis=1,
     )
-    # One by one: see inverse_and_log_det for what batches may do.
     reduced, inverse = jax.lax.map(_eliminated, (tall, kinds.fixed))
     others = 1 - kinds.fixed
     table, target = reduced[:, :size, :size], reduced[:, :size, size:]
     above = table * (others[:, :, None] * others[:, None])
     weighted = above[:, None] * kinds.shapes[:, :, None]
     flat = weighted.reshape(-1, size, size)
-    u, s, vt = (
-        a.reshape(count, -1, *a.shape[1:]) for a in jax.lax.map(jnp.linalg.svd, flat)
-    )
+    u, s, vt = (a.reshape(count, -1, *a.shape[1:]) for a in jax.lax.map(_svd, flat))
     explained = einsum("nsik,nic->nsck", u, target * others[..., None])
     prior = (kinds.scales[:, None] * units[None]) ** 2  # [t, c]
     noise = variance[None, None, None, :, None]
@@ -206,6 +203,14 @@ def _solve(r, z, units, variance, kinds: _Kinds) -> _Solved:
     )
 
 
+# One by one under vmap, too: see inverse_and_log_det for what batches may do.
+@jax.custom_batching.sequential_vmap
+def _svd(a: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    u, s, vt = jnp.linalg.svd(a)
+    return u, s, vt
+
+
+@jax.custom_batching.sequential_vmap
 def _eliminated(given) -> tuple[jax.Array, jax.Array]:
     """Triangle of some rows, and the inverse of its part of the fixed unknowns."""
     rows, fixed = given

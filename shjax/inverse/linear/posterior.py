@@ -84,7 +84,6 @@ def _unit(problem: Compressed, degree: np.ndarray) -> jax.Array:
     tiny = jnp.finfo(gram.dtype).tiny
     held = 1e-3 * jnp.trace(gram, axis1=1, axis2=2) + tiny**0.5
     identity = jnp.broadcast_to(jnp.eye(gram.shape[1], dtype=gram.dtype), gram.shape)
-    factor = jnp.linalg.cholesky(gram + held[:, None, None] * identity)
-    value = jax.scipy.linalg.cho_solve((factor, True), right[..., None])
+    value = jnp.linalg.solve(gram + held[:, None, None] * identity, right[..., None])
     level = jnp.abs(value[:, 0, 0])
     return jnp.where(level > 0, level, 1)
