@@ -27,8 +27,6 @@ from shjax.conventions import CONVENTIONS
 from shjax.display import OPERATORS
 from shjax.io.coefs import FORMATS
 from shjax.io.envmaps import INVALID_CHOICES
-from shjax.io.exr_writing import COMPRESSIONS
-from shjax.layouts import LAYOUTS
 from shjax.reflection.ranks import RANKS
 from shjax.windows import NAMES
 
@@ -268,8 +266,6 @@ def test_convert_says_what_it_did(tmp_path):
         (choices.CONVENTIONS, CONVENTIONS),
         (choices.FORMATS, FORMATS),
         (choices.INVALID, INVALID_CHOICES),
-        (choices.LAYOUTS, LAYOUTS),
-        (choices.COMPRESSIONS, COMPRESSIONS),
         (choices.MAPS, map(str, RANKS)),
         (choices.NORMAL_FRAMES, NORMAL_FRAMES),
         (choices.OPERATORS, OPERATORS),
@@ -352,6 +348,8 @@ def test_energies_are_kept(tmp_path, monkeypatch):
     for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(one, other)
     assert jax.tree.structure(first) == jax.tree.structure(again)
+    with pytest.raises(TypeError):  # another material has its own
+        kept_energies(0.9 * brdf, **degrees)
     (file,) = tmp_path.glob("energies/*.npz")
     file.write_bytes(b"half")  # as an interrupted disk leaves it
     with pytest.raises(TypeError):  # found anew, by what is not there in this test

@@ -115,6 +115,22 @@ def test_too_few_rows_are_refused_with_the_number_needed(quadrature, size, words
         shjax.analyze(np.ones((*size, 1), np.float32), l_max=10, quadrature=quadrature)
 
 
+@pytest.mark.parametrize(("l_max", "n_theta", "n_phi"), [(44, 90, 92), (44, 91, 90)])
+def test_folded_and_whole_maps_are_the_sum_of_their_harmonics(
+    l_max, n_theta, n_phi, rng, dtype
+):
+    """Both parities of the rows; a map of an odd number of rows is not folded."""
+    coefs = jnp.asarray(rng.normal(size=((l_max + 1) ** 2, 2)), dtype)
+    image = shjax.synthesize(coefs, n_theta=n_theta, n_phi=n_phi)
+    rows, columns = np.array([0, 20, 44, 45, 89]), np.array([0, 17, 45, 46, 89])
+    towards = latlong_directions(n_theta, n_phi)[rows[:, None], columns]
+    exact = shjax.evaluate(coefs, jnp.asarray(towards, dtype))
+    found = np.asarray(image)[rows[:, None], columns]
+    close = 1e-12 if dtype == np.float64 else 1e-5
+    assert relative_error(found, exact) < close
+    assert relative_error(shjax.analyze(image, l_max=l_max), coefs) < close
+
+
 def test_tables_hold_what_they_say():
     grid = make_grid(12, 9)
     even, odd = tables.degree_tables(5)

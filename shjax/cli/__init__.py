@@ -68,6 +68,7 @@ def cli(no_cache: bool) -> None:
     """Lighting in frequency space: panoramas, spherical harmonics, irradiance."""
     if no_cache:
         os.environ[CACHE_VARIABLE] = "off"
+        os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"
     keep_compiled()
 
 

@@ -12,6 +12,7 @@ import threading
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import shjax
@@ -19,7 +20,7 @@ from shjax import render
 from shjax.cli import AHEAD_THREAD
 from shjax.cli.light import Settings
 from shjax.cli.light_report import Light
-from shjax.colour import LUMINANCE
+from shjax.colour import luminance
 from shjax.envmap import EnvironmentMap
 from shjax.reference.irradiance_integral import compare_irradiance
 from shjax.sphere import fibonacci_directions
@@ -28,7 +29,6 @@ ROWS = 128
 RELATIVE_TO = "total radiance over the sphere, int L dw (Rec. 709 luminance)"
 PROBES = 4000  # normals over the whole sphere
 _COMPARED = 24  # normals at which the averaged map is compared with the whole one
-_AT_ONCE = 2**16
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Ahead:
         self.start()
         self._thread.join()
 
-    def integrals(self, *arguments) -> tuple[np.ndarray, np.ndarray]:
+    def integrals(self, *arguments) -> Any:
         """Run :func:`_integrals` as soon as it is compiled; the thread goes on."""
         self.start()
         self._first.wait()
@@ -69,8 +69,7 @@ class Ahead:
         run = self._integrals
         if run is None or given != jax.tree.map(_as_shape, run.args_info[0]):
             run = _integrals
-        exact, drawn = run(*arguments)
-        return np.asarray(exact), np.asarray(drawn)
+        return jax.tree.map(np.asarray, run(*arguments))
 
     def _compile(self) -> None:
         """Compile for a colour map; what is quick is run, which compiles it too."""
@@ -99,10 +98,13 @@ def _as_shape(argument) -> jax.ShapeDtypeStruct:
 
 @jax.jit
 def _integrals(lighting, radiance, directions, weights, normals):
-    """Irradiance by the integral and from coefficients, at all normals."""
+    """Irradiance by the integral and from coefficients at all normals, and its errors."""
     light = EnvironmentMap.from_samples(radiance, directions, weights)
     exact = shjax.reference_irradiance(light, normals)
-    return exact, shjax.irradiance(lighting, normals)
+    drawn = shjax.irradiance(lighting, normals)
+    total = jnp.sum(luminance(radiance) * weights)
+    first, second = (luminance(values[:PROBES]) for values in (drawn, exact))
+    return exact, drawn, compare_irradiance(first, second, total)
 
 
 def check(
@@ -121,14 +123,13 @@ def check(
         small = envmap.to_latlong(ROWS)
     light = _rotated_samples(small, settings.rotate, found.lighting.dtype)
     ball = _Ball(settings.size)
-    exact, drawn = ahead.integrals(found.lighting, *light.samples(), ball.normals)
+    exact, drawn, error = ahead.integrals(
+        found.lighting, *light.samples(), ball.normals
+    )
     nine = drawn
     if len(found.lighting) != 9 or settings.window != "none":
         nine = np.asarray(shjax.irradiance(found.nine, ball.normals))
-    weights = np.asarray(light.solid_angles)
-    total = np.sum(_luminance(light.radiance) * weights)
-    approximate, true = (_luminance(values[:PROBES]) for values in (drawn, exact))
-    error = compare_irradiance(approximate, true, total)
+    difference = _difference(envmap, small)
     ahead.join()
     default, recovered = _recover(ball, nine, exact)
     summary = {
@@ -152,18 +153,11 @@ def check(
         },
         "integral": {
             "rows": len(small.image),
-            "difference": _difference(envmap, small),
+            "difference": difference,
         },
     }
     spheres = ball.picture(drawn / np.pi), ball.picture(exact / np.pi)
     return Checks(summary, spheres)
-
-
-def _luminance(values) -> np.ndarray:
-    values = np.asarray(values, float)
-    if values.shape[-1] != 3:
-        return values.mean(axis=-1)
-    return values @ np.array(LUMINANCE)
 
 
 class _Ball:
@@ -235,17 +229,9 @@ def _difference(whole: EnvironmentMap, small: EnvironmentMap) -> float:
     if whole.layout == "latlong" and len(whole.image) > 1024:
         whole = whole.to_latlong(1024)
     normals = fibonacci_directions(_COMPARED).astype(np.float32)
-    one, other = (_irradiance(envmap, normals) for envmap in (whole, small))
+    one, other = (
+        np.asarray(shjax.reference_irradiance(envmap, normals))
+        for envmap in (whole, small)
+    )
     mean = float(np.mean(np.abs(one)))
     return float(np.max(np.abs(one - other))) / (mean or 1.0)
-
-
-def _irradiance(envmap: EnvironmentMap, normals: np.ndarray) -> np.ndarray:
-    radiance, directions, weights = envmap.samples()
-    total = np.zeros((len(normals), radiance.shape[-1]))
-    for start in range(0, len(directions), _AT_ONCE):
-        some = slice(start, start + _AT_ONCE)
-        cosines = np.maximum(normals @ directions[some].T.astype(np.float32), 0)
-        flux = np.asarray(radiance[some]) * np.asarray(weights[some])[:, None]
-        total += cosines @ flux.astype(np.float32)
-    return total

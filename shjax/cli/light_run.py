@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 import shjax
 from shjax import io
@@ -58,8 +59,8 @@ def main(
     check_folder(out)
     if settings.checks is None:
         settings = dataclasses.replace(settings, checks=len(paths) == 1)
-    ahead = light_checks.Ahead(settings.size)
-    stdout = output.console()
+    work = _Work(out, settings, reading, force, light_checks.Ahead(settings.size))
+    stdout, single = output.console(), len(paths) == 1
     count = {"done": 0, "kept": 0, "refused": 0, "left to another run": 0}
     with protecting(*paths), progress_display(output.quiet) as progress:
         task = progress.add_task("", total=STEPS * len(paths))
@@ -68,53 +69,81 @@ def main(
             def step(what: str, file: str = path.name) -> None:
                 progress.update(task, description=f"{file}: {what}", advance=1)
 
-            def show(result: dict) -> None:
-                if len(paths) == 1:
-                    print_coefficients(stdout, result)
-
             try:
                 with alone(out, name):
-                    job = job_of(path, settings, reading)
-                    kept = None if force else already(out, name, job)
-                    if kept:
-                        result = kept
-                        show(result)
-                    else:
-                        if settings.checks:
-                            ahead.start()
-                        found, envmap = run(path, settings, reading, step=step)
-                        result = write_light(out, name, found)
-                        show(result)
-                        if settings.checks:
-                            step("checking")
-                            checks = light_checks.check(envmap, found, settings, ahead)
-                            result = write_checks(out, name, found, checks, result)
-            except BusyError:
-                if len(paths) == 1:
+                    result, kept = work.do(path, name, stdout if single else None, step)
+            except (BusyError, ValueError, OSError) as error:
+                if single:
                     raise
-                count["left to another run"] += 1
-            except (ValueError, OSError) as error:
-                if len(paths) == 1:
-                    raise
-                count["refused"] += 1
-                print("shjax: " + " ".join(str(error).split()), file=sys.stderr)
+                if isinstance(error, BusyError):
+                    count["left to another run"] += 1
+                else:
+                    count["refused"] += 1
+                    print("shjax: " + " ".join(str(error).split()), file=sys.stderr)
             else:
                 count["kept" if kept else "done"] += 1
-                when = since(kept["files"].values()) if kept else ""
-                if output.print_json(result):
-                    pass
-                elif len(paths) == 1:
-                    print_checks(stdout, result)
-                    print_files(stdout, result)
-                    if kept:
-                        stdout.print(f"kept, from {when}; --force does it again")
-                else:
-                    print_line(stdout, result, kept=when)
+                _show(output, stdout, result, kept=kept, single=single)
             progress.update(task, completed=STEPS * (position + 1))
-    if len(paths) > 1:
+    if not single:
         words = ", ".join(f"{n} {word}" for word, n in count.items() if n)
         stdout.print(f"{len(paths)} files: {words}; results in {out}", markup=False)
     return 2 if count["refused"] else 0
+
+
+@dataclasses.dataclass(frozen=True)
+class _Work:
+    """What is done with each map."""
+
+    out: Path
+    settings: Settings
+    reading: Reading
+    force: bool
+    ahead: light_checks.Ahead
+
+    def do(
+        self,
+        path: Path,
+        name: str,
+        console: Console | None,
+        step: Callable[[str], None],
+    ) -> tuple[dict, bool]:
+        """Do one map, or find it done: the record, and whether it was kept.
+
+        The coefficients are shown on a console, if there is one, before the checks.
+        """
+        job = job_of(path, self.settings, self.reading)
+        kept = None if self.force else already(self.out, name, job)
+        if kept is not None:
+            if console is not None:
+                print_coefficients(console, kept)
+            return kept, True
+        if self.settings.checks:
+            self.ahead.start()
+        found, envmap = run(path, self.settings, self.reading, step=step)
+        result = write_light(self.out, name, found)
+        if console is not None:
+            print_coefficients(console, result)
+        if self.settings.checks:
+            step("checking")
+            checks = light_checks.check(envmap, found, self.settings, self.ahead)
+            result = write_checks(self.out, name, found, checks, result)
+        return result, False
+
+
+def _show(
+    output: Output, console: Console, result: dict, *, kept: bool, single: bool
+) -> None:
+    """Show what is left to be shown of one map."""
+    when = since(result["files"].values()) if kept else ""
+    if output.print_json(result):
+        return
+    if not single:
+        print_line(console, result, kept=when)
+        return
+    print_checks(console, result)
+    print_files(console, result)
+    if kept:
+        console.print(f"kept, from {when}; --force does it again")
 
 
 def already(out: Path, name: str, job: dict) -> dict | None:

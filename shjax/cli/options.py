@@ -17,6 +17,7 @@ from click.core import ParameterSource
 
 from shjax.cli import words
 from shjax.cli.texts import Angles, Axes, BrdfText, FiniteRange, Material, MaterialText
+from shjax.layouts import LAYOUTS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -132,7 +133,7 @@ class Reading:
 
 layout_option = choice(
     "--layout",
-    ["auto", *words.LAYOUTS],
+    ["auto", *LAYOUTS],
     "auto",
     "How an environment map covers the sphere.",
 )

@@ -20,6 +20,8 @@ from shjax.cli.options import (
     rotate_option,
 )
 from shjax.cli.texts import FiniteRange
+from shjax.io.exr_writing import COMPRESSIONS
+from shjax.layouts import LAYOUTS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +48,7 @@ settings_options = packed(
     Settings,
     choice(
         "--to",
-        [*words.LAYOUTS, SIX],
+        [*LAYOUTS, SIX],
         "latlong",
         "Layout of TARGET; faces: six files TARGET_px, _nx, _py, _ny, _pz, _nz.",
     ),
@@ -63,7 +65,7 @@ settings_options = packed(
     ),
     rotate_option,
     click.option("--half", is_flag=True, help="An EXR of 16 bits in place of 32."),
-    choice("--compression", words.COMPRESSIONS, "zip", "Of an EXR."),
+    choice("--compression", COMPRESSIONS, "zip", "Of an EXR."),
     choice(
         "--tone",
         words.OPERATORS,

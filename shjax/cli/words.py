@@ -1,4 +1,4 @@
-"""Words that options take: the library's tables by name, so that help needs no JAX.
+"""Words that options take, of tables that need JAX, so that help does not.
 
 A test compares each with the table it names.
 """
@@ -63,31 +63,6 @@ FORMATS = (
     "cmgen-no-mirror-shader",
 )
 INVALID = ("error", "clamp", "zero", "keep")
-LAYOUTS = (
-    "latlong",
-    "angular",
-    "mirror_ball",
-    "vertical_cross",
-    "horizontal_cross",
-    "vertical_strip",
-    "horizontal_strip",
-    "octahedral",
-    "dual_paraboloid",
-    "openexr_latlong",
-    "openexr_cube",
-)
-COMPRESSIONS = (
-    "none",
-    "rle",
-    "zips",
-    "zip",
-    "piz",
-    "pxr24",
-    "b44",
-    "b44a",
-    "dwaa",
-    "dwab",
-)
 MAPS = ("4", "9", "16", "21")
 NORMAL_FRAMES = ("world", "blender", "mitsuba", "camera", "opencv")
 SEEN_FRAMES = ("camera", "opencv")  # in which the direction to the camera is known

@@ -3,8 +3,9 @@
 The kernels of one lobe, from the broadest to the sharpest that its prior allows, lie within
 a millionth of a space of 24 dimensions. A picture is then a product of two dozen columns,
 known once the light is, with coefficients that depend on the shape alone: polynomials in
-the solver's parameter. So QR compresses the picture once, and the solver works on as many
-rows as there are columns.
+the solver's parameter, off by 3e-6 of the kernel at most, by 3e-5 for the Gaussian
+microfacet lobe at its sharpest. So QR compresses the picture once, and the solver works on
+as many rows as there are columns.
 """
 
 from __future__ import annotations
@@ -63,8 +64,10 @@ def has_basis(kind: LobeFamily) -> bool:
 @functools.lru_cache(maxsize=16)
 def kernel_basis(
     kind: LobeFamily, table: ViewTable, l_max: int, dtype: np.dtype
-) -> KernelBasis:
+) -> KernelBasis | None:
     """Make the basis of a family's kernels; the first call takes about a second.
+
+    None where some kernel of the range is not finite (a lobe of one's own).
 
     Args:
         kind: The lobe; of one shape parameter.
@@ -80,6 +83,8 @@ def kernel_basis(
         free = as_type((high + low) / 2 + x * (high - low) / 2, dtype)
         every = _kernels(free, kind.lobe, shape, table, l_max)
         rows = np.asarray(every, np.float64).reshape(_NODES, -1)
+        if not np.all(np.isfinite(rows)):
+            return None
         lengths = np.linalg.norm(rows, axis=1, keepdims=True)
         _, _, vectors = np.linalg.svd(rows / (lengths + (lengths == 0)), False)
         vectors = vectors[:_RANK]
