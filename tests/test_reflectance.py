@@ -333,12 +333,6 @@ def views_of_a_sphere(rng):
     [
         ("radial", phong(20.0), 5),
         pytest.param("phong", 0.7 * phong(20.0), 2, marks=pytest.mark.slow),
-        (
-            "diffuse + ggx",
-            lambertian(0.5) + 0.3 * ggx(0.4, 1.0),
-            [0.4, 0.5, 0.3],
-            5e-3,
-        ),
         pytest.param(
             "diffuse + phong",
             lambertian(0.5) + 0.3 * phong(20.0),
