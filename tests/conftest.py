@@ -70,7 +70,7 @@ def pytest_configure(config):
     own = f"{compiled}-commands-{os.environ.get('PYTEST_XDIST_WORKER', 'main')}"
     os.environ["JAX_COMPILATION_CACHE_DIR"] = own
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
     jax.config.update("jax_enable_x64", not config.getoption("--float32"))
     jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -78,38 +78,12 @@ def pytest_configure(config):
     jax.config.update("jax_debug_nans", True)
 
 
-# Rooms whose tests do not depend on the suite's type, but for those that ask for it:
-# files, commands (which are processes of their own, in single precision in every lane),
-# messages, pages.
-_OF_NO_TYPE = {
-    f"test_{name}"
-    for name in (
-        "architecture",
-        "arguments",
-        "cli",
-        "conventions",
-        "envmap",
-        "experiments",
-        "faults",
-        "io",
-        "many",
-        "meshes",
-        "metrics",
-        "notebooks",
-        "pipeline",
-        "plot",
-        "reading",
-        "speed_vs_error",
-        "wheel",
-    )
-}
-
-
 def _runs_in_float32(item) -> bool:
+    """Tests that ask for the lane's type, and the examples of the docstrings."""
     if item.get_closest_marker("x64"):
         return False
-    typed = "dtype" in getattr(item, "fixturenames", ())
-    return typed or item.path.stem not in _OF_NO_TYPE
+    names = getattr(item, "fixturenames", ())
+    return "dtype" in names or not isinstance(item, pytest.Function)
 
 
 def pytest_collection_modifyitems(config, items):

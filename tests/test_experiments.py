@@ -18,7 +18,7 @@ from experiments import (
     table_5_4,
     table_5_5,
 )
-from experiments.alternatives import importance, split_sum
+from experiments.alternatives import importance
 from experiments.benchmarks import nine_coefficients, reflection_maps
 from shjax import brdf
 from tests.helpers import relative_error, unit_vectors
@@ -191,27 +191,6 @@ def test_the_lighting_layer_beats_split_sum_and_the_harmonics(data):
             "split, GGX 0.2, f0 0.04": {},
         }
     )
-
-
-def test_split_sum_is_exact_under_constant_light(rng, dtype):
-    """As its table is: the albedo of the view, single scattering."""
-    coefs = jnp.full((1, 3), np.sqrt(4 * np.pi), jnp.float32)
-    coefs = jnp.pad(coefs, [(0, 8), (0, 0)])
-    cosines = (np.arange(64) + 0.5)[[3, 20, 60]] / 64
-    normals = jnp.tile(jnp.asarray([0.0, 0.0, 1.0], jnp.float32), (3, 1))
-    views = np.stack([np.sqrt(1 - cosines**2), 0 * cosines, cosines], -1)
-    seen = split_sum.shade(
-        split_sum.prefilter(coefs),
-        normals,
-        jnp.asarray(views, jnp.float32),
-        albedo=jnp.ones((3, 3), jnp.float32),
-        metallic=jnp.ones(3, jnp.float32),
-        roughness=jnp.full(3, np.sqrt(0.5), jnp.float32),
-    )
-    model = brdf.ggx(np.float32(0.5), np.float32(1.0))
-    angles = jnp.asarray(2 * np.arccos(cosines), jnp.float32)
-    exact = brdf.flux.outgoing_flux(brdf.core.prepared(model), angles, 96, 64)
-    np.testing.assert_allclose(seen[:, 0], exact[:, 0], rtol=2e-3)
 
 
 @pytest.mark.slow

@@ -755,6 +755,14 @@ def test_derivatives_of_a_tall_factorisation(rng):
     check_gradients(lambda a: jnp.triu(tall_qr(a)[1] * mix), jnp.asarray(a))
     _, (_, change) = jax.jvp(tall_qr, (jnp.asarray(a),), (jnp.asarray(a[::-1].copy()),))
     np.testing.assert_allclose(np.tril(change, -1), 0, atol=1e-12)
+    # A column twice, which moves twice: Q is arbitrary there, the problem is not.
+    twice, target = np.array([*range(6), 0, *range(6, 13)]), rng.normal(size=40)
+
+    def problem(a):
+        q, r = tall_qr(jnp.take(a, twice, axis=1))
+        return jnp.concatenate([(r.T @ r).ravel(), r.T @ (q.T @ target)])
+
+    check_gradients(problem, jnp.asarray(a[:, :13]))
 
 
 def test_many_pictures_at_once_do_not_wait_for_ever():

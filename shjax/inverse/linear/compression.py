@@ -21,6 +21,7 @@ from shjax.inverse.linear.least_squares import inverse_of_triangle
 
 _ROUNDING = 8.0  # of a Gram matrix, over its trace, in units of the type's precision
 _FEW_COLUMNS = 12  # of which reflections are as quick
+_NO_PIVOT = 64.0  # over the largest, in units of the type's precision
 _LEAST_PIVOT = 1e-3  # squared, of nearly orthonormal columns
 
 
@@ -116,7 +117,12 @@ def tall_qr(a: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _tall_qr_jvp(primals, tangents):
     (a,), (moved,) = primals, tangents
     q, r = tall_qr(a)
-    change = matmul(moved, inverse_of_triangle(r))
+    # A column that the others explain has no direction of its own to turn.
+    pivots = jnp.abs(jnp.diagonal(r))
+    own = pivots > _NO_PIVOT * jnp.finfo(a.dtype).eps * jnp.max(pivots)
+    known = jnp.where(own[:, None], r, jnp.eye(len(r), dtype=r.dtype))
+    inverse = jnp.where(own[None], inverse_of_triangle(known), 0)
+    change = matmul(moved, inverse)
     within = matmul(q.T, change)
     below = jnp.tril(within, -1)
     turned = below - below.T
