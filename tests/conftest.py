@@ -49,6 +49,26 @@ def _compiled(config) -> str:
     return str(folder)
 
 
+# XLA's older code generator compiles a third faster; the flags are of these versions.
+_QUICK_FLAGS = (
+    "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+)
+
+
+def _compile_quickly(config) -> None:
+    """In double precision: the float32 lane, and commands, see the code that users run.
+
+    The flags are read once, when the first array is made, and are then taken back, so that
+    processes that tests start do not inherit them.
+    """
+    known = jax.__version_info__[:2] == (0, 10)
+    if config.getoption("--float32") or not known or "XLA_FLAGS" in os.environ:
+        return
+    os.environ["XLA_FLAGS"] = _QUICK_FLAGS
+    jax.devices()
+    del os.environ["XLA_FLAGS"]
+
+
 def _take_one_processor() -> None:
     """As many workers as processors: each keeps to its own, and no thread waits."""
     worker = os.environ.get("PYTEST_XDIST_WORKER")
@@ -64,13 +84,14 @@ def pytest_configure(config):
     if workers >= (os.cpu_count() or 1):  # for the workers, before they import NumPy
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _take_one_processor()
+    _compile_quickly(config)
     compiled = _compiled(config)
     jax.config.update("jax_compilation_cache_dir", compiled)
     # Commands would tell of a half-written program of another worker: each its own.
     own = f"{compiled}-commands-{os.environ.get('PYTEST_XDIST_WORKER', 'main')}"
     os.environ["JAX_COMPILATION_CACHE_DIR"] = own
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
     jax.config.update("jax_enable_x64", not config.getoption("--float32"))
     jax.config.update("jax_numpy_rank_promotion", "raise")
