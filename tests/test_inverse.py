@@ -15,12 +15,13 @@ import shjax
 import shjax.sphere
 import shjax.vectors
 from shjax import render
+from shjax.brdf.transfer_rows import table_to
 from shjax.harmonics.degrees import degrees
 from shjax.inverse import PicturePrior, Surface, decode, visible_cosine
 from shjax.inverse.linear import marginal, members, priors
 from shjax.inverse.linear.compression import compress, tall_qr
 from shjax.inverse.shown import surface as shown_surface
-from shjax.inverse.shown.glossy import light_up, reflected, table_to
+from shjax.inverse.shown.glossy import light_up, reflected
 from shjax.inverse.shown.pixels import Pixels
 from shjax.inverse.shown.rows import cosine_rows, seen_by_cosine
 from shjax.render.loading import load_mesh

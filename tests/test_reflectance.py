@@ -8,11 +8,11 @@ import pytest
 import shjax
 from shjax import render
 from shjax.brdf import ggx, lafortune, lambertian, phong
+from shjax.brdf.transfer_rows import table_to
 from shjax.harmonics.degrees import degrees
 from shjax.inverse import General, Radial, lobe
 from shjax.inverse.reflectance.kernel_basis import kernel_basis
 from shjax.inverse.reflectance.lobes import FAMILIES
-from shjax.inverse.shown.glossy import table_to
 from tests.helpers import check_gradients, relative_error, unit_vectors
 from tests.mitsuba import FRONT, environment
 

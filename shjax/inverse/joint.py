@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from shjax.arrays import Array, check_channels, matmul
+from shjax.brdf.transfer_rows import glossy_rows, table_to
 from shjax.harmonics import basis
 from shjax.harmonics.degrees import check_l_max, degrees
 from shjax.inverse.brdf import check_pictures
@@ -35,7 +36,6 @@ from shjax.inverse.reflectance.families import LobeFamily
 from shjax.inverse.reflectance.free_gains import FreeGains
 from shjax.inverse.reflectance.lobes import AnyLobe, Radial, as_search
 from shjax.inverse.reflectance.nonlinear import approach, refine, search
-from shjax.inverse.shown.glossy import glossy_rows, table_to
 from shjax.inverse.shown.pixels import Pixels, fit
 from shjax.vectors import mirror
 

@@ -14,11 +14,12 @@ import math
 import jax
 import jax.numpy as jnp
 
+from shjax.brdf.transfer_rows import table_to, view_frames
 from shjax.harmonics import basis
 from shjax.inverse.estimate import Estimate
 from shjax.inverse.linear.compression import compress, noise_variance, predicted
 from shjax.inverse.linear.least_squares import diagnose, least_squares, tolerance_of
-from shjax.inverse.shown.glossy import light_up, table_to, view_frames
+from shjax.inverse.shown.glossy import light_up
 from shjax.inverse.shown.pixels import Pixels
 from shjax.render import GBuffer
 from shjax.render.pictures import covered

@@ -18,8 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax.arrays import as_type, einsum, matmul
+from shjax.brdf.transfer_rows import ViewTable
 from shjax.inverse.reflectance.families import LobeFamily, ShapeParameter
-from shjax.inverse.shown.glossy import Lit, ViewTable
+from shjax.inverse.shown.glossy import Lit
 
 _NODES, _RANK = 64, 24
 _SPREADS = 3.5  # of the prior, to either side of its centre

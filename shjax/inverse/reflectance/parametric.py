@@ -13,6 +13,7 @@ from shjax.arrays import Array, einsum, matmul
 from shjax.brdf import Brdf
 from shjax.brdf.expansion import radial_gains
 from shjax.brdf.models import lambertian
+from shjax.brdf.transfer_rows import ViewTable, table_to
 from shjax.inverse.estimate import Estimate
 from shjax.inverse.linear.compression import compress
 from shjax.inverse.reflectance.families import AMPLITUDE_VARIANCE, LobeFamily
@@ -22,7 +23,7 @@ from shjax.inverse.reflectance.kernel_basis import (
     kernel_basis,
 )
 from shjax.inverse.reflectance.nonlinear import Found, approach, refine, search
-from shjax.inverse.shown.glossy import Lit, ViewTable, light_up, reflected, table_to
+from shjax.inverse.shown.glossy import Lit, light_up, reflected
 from shjax.inverse.shown.pixels import Pixels
 from shjax.inverse.shown.predicting import predict_parametric
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import jax
 
 from shjax.brdf import Brdf
-from shjax.inverse.shown.glossy import light_up, reflected, table_to
+from shjax.brdf.transfer_rows import table_to
+from shjax.inverse.shown.glossy import light_up, reflected
 from shjax.render import GBuffer
 from shjax.render.pictures import covered, image
 

@@ -21,8 +21,8 @@ from shjax.arrays import (
     shape_of,
 )
 from shjax.brdf import Brdf
+from shjax.brdf.transfer_rows import glossy_rows, table_to
 from shjax.inverse.linear.compression import Compressed
-from shjax.inverse.shown.glossy import glossy_rows, table_to
 from shjax.inverse.shown.pixels import Pixels, check_unit, flatten
 from shjax.inverse.shown.rows import cosine_rows, footprint_rows, seen_by_cosine
 
