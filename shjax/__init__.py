@@ -78,6 +78,7 @@ _MODULES = (
     "inverse",
     "io",
     "lights",
+    "ltc",
     "metrics",
     "plot",
     "reflection",

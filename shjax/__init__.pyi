@@ -3,6 +3,7 @@ from . import ibl as ibl
 from . import inverse as inverse
 from . import io as io
 from . import lights as lights
+from . import ltc as ltc
 from . import metrics as metrics
 from . import plot as plot
 from . import reflection as reflection

@@ -29,7 +29,7 @@ index_equations = _index_equations()
 
 # Each module may import those of the same or of an earlier line, never a later one.
 LAYERS = [
-    ["shjax.lazy", "shjax.arrays"],
+    ["shjax.lazy", "shjax.arrays", "shjax.texts"],
     ["shjax.colour", "shjax.sphere", "shjax.srgb", "shjax.vectors"],
     ["shjax.harmonics", "shjax.display"],
     ["shjax.layouts", "shjax.clamped_cosine"],
@@ -37,6 +37,7 @@ LAYERS = [
     ["shjax.light", "shjax.conventions"],
     ["shjax.reference"],
     ["shjax.lights"],
+    ["shjax.ltc"],
     ["shjax.reflection"],
     ["shjax.ibl"],
     ["shjax.io"],

@@ -1,14 +1,20 @@
 """Area lights: known values, quadrature over their surfaces, horizons, gradients."""
 
+import json
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import shjax
-from shjax import brdf, lights
+from experiments import area_lights as report
+from experiments.alternatives import area_lights as tricks
+from shjax import brdf, lights, render
 from tests.helpers import check_gradients, relative_error, unit_vectors
 
+DATA = Path(__file__).parent / "data"
 ORIGIN, UP = np.zeros((1, 3)), np.array([[0.0, 0, 1]])
 FACE = np.array([[1, 1, 1], [1, -1, 1], [-1, -1, 1], [-1, 1, 1.0]])  # it faces 0
 L_MAX = 6
@@ -358,6 +364,68 @@ def test_lights_add_up_and_batch(rng):
     assert lights.area_coefs(whole, np.zeros((0, 3)), l_max=2).shape == (0, 9, 1)
 
 
+def test_a_picture_under_area_lights(dtype):
+    """A sphere under a sphere: radiance at the pole, and nothing behind."""
+    ball = render.sphere(21, render.Camera(origin=(0.0, 0.0, 3.0), up=(1.0, 0.0, 0.0)))
+    ball = jax.tree.map(lambda a: a.astype(dtype), ball)
+    light = lights.parse("sphere centre=0,0,3 radius=0.5 radiance=2,4,6")
+    matte = render.area_lit(ball, light)
+    # The top is 2 from the centre: pi sin^2 of the half angle, times albedo over pi.
+    np.testing.assert_allclose(
+        matte[10, 10], np.array([2, 4, 6]) / 16, rtol=2e-3
+    )  # of the middle pixel's slope
+    white = render.area_lit(ball, light, brdf.lambertian(np.asarray(1.0, dtype)))
+    assert relative_error(white, matte) < 0.01
+    assert np.all(np.isfinite(matte))
+    bare = render.make_gbuffer(np.ones((2, 2, 3), dtype))
+    with pytest.raises(ValueError, match="must have positions"):
+        render.area_lit(bare, light)
+
+
+@pytest.mark.x64
+def test_wraps_and_isotropic_lines(rng):
+    """What the text's cheap forms are: wraps too bright, a line's printed form wrong."""
+    cosine = jnp.asarray(np.polynomial.legendre.leggauss(400)[0])
+    for k in (0.0, 0.3, 1.0):
+        assert (
+            abs(np.mean(tricks.wrap(jnp.linspace(-1, 1, 20_001), k)) - (1 + k) / 4)
+            < 1e-4
+        )
+    share = np.polynomial.legendre.leggauss(400)[1] / 2
+    assert abs(tricks.valves_wrap(cosine) @ share - 1 / 3) < 1e-12
+    start, end, normal = np.array([[-1.0, 0.3, 1], [0.7, 0.5, 2], [0.1, 0.2, 1]])
+    along = start + (1 + np.asarray(cosine)[:, None]) / 2 * (end - start)
+    own = along @ normal / np.linalg.norm(along, axis=1) ** 3
+    exact = own @ share * np.linalg.norm(end - start)
+    assert abs(tricks.isotropic_line(start, end, normal) - exact) < 1e-10
+
+
+@pytest.mark.slow
+@pytest.mark.x64
+def test_harmonics_beside_ltc_and_the_usual_tricks():
+    """A cell of the report: GGX 0.4 under a sphere."""
+    rng, normals, views = report.scene(64)
+    points = report._places(rng, normals, views, 1.5, 64)
+    given = (points, normals, views)
+    errors = report._errors("sphere", 1.5, 0.4, 1.0, given, rng)
+    assert errors["harmonics, F = 16"] < 0.1 * errors["LTC"]
+    assert errors["quadrature, 12"] < 1e-3
+    assert errors["Monte Carlo, 256"] < 0.5 * errors["Monte Carlo, 16"]
+    assert errors["LTC"] < min(
+        errors["roughness modified"], errors["representative point"]
+    )
+
+
+def test_lights_in_words():
+    square = lights.parse("polygon vertices=0,0,1;0,1,1;1,1,1;1,0,1 radiance=2")
+    assert square.vertices.shape == (4, 3)
+    assert lights.parse("DISK centre=0,0,1 normal=0,0,-1 radius=1 radiance=1").circular
+    with pytest.raises(ValueError, match="light must be one of polygon, disk"):
+        lights.parse("lamp radius=1")
+    with pytest.raises(ValueError, match=r"sphere needs radius=\.\.\., radiance"):
+        lights.parse("sphere centre=0,0,1")
+
+
 @pytest.mark.usefixtures("as_a_user")
 @pytest.mark.parametrize(
     ("make", "message"),
@@ -400,3 +468,81 @@ def test_lights_add_up_and_batch(rng):
 def test_what_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def _mitsubas_ggx(alpha):
+    """Its rough conductor of reflectance 1: GGX with separable Smith masking."""
+
+    def transfer(parameters, light, view):
+        a2 = parameters["alpha"] ** 2
+        half = [x + y for x, y in zip(light, view, strict=True)]
+        squared = sum(x * x for x in half)
+        across = half[0] ** 2 + half[1] ** 2
+        slope = a2 * half[2] ** 2 + across
+        density = a2 * squared**2 / (np.pi * slope**2)
+        masked = 1.0
+        for z in (light.z, view.z):
+            masked = masked / (z + jnp.sqrt(a2 + (1 - a2) * z * z))
+        return density * masked * light.z
+
+    model = brdf.core.ReflectanceModel("separable ggx", transfer)
+    return brdf.core.make_brdf(model, alpha=np.float64(alpha))
+
+
+@pytest.mark.x64
+def test_spheres_under_mitsubas_area_emitters():
+    """Radiance at single rays within its noise; tests/clients has the script."""
+    found = json.loads((DATA / "mitsuba_area_lights.json").read_text())
+    about = found["emitters"]
+    square = about["rectangle"]
+    made = {
+        "disk": lights.disk(
+            *(np.array(about["disk"][k]) for k in ("centre", "normal")),
+            about["disk"]["radius"],
+            1.0,
+        ),
+        "sphere": lights.sphere(
+            np.array(about["sphere"]["centre"]), about["sphere"]["radius"], 1.0
+        ),
+        "capsule": lights.capsule(
+            *(np.array(about["capsule"][k]) for k in ("start", "end")),
+            about["capsule"]["radius"],
+            1.0,
+        ),
+        "line": lights.line(
+            *(np.array(about["line"][k]) for k in ("start", "end")),
+            about["line"]["radius"],
+            1.0,
+        ),
+    }
+    # Mitsuba's look_at: its square stands upright in the plane of up and normal.
+    towards = np.array(square["normal"]) / np.linalg.norm(square["normal"])
+    left = np.cross([0, 0, 1.0], towards)
+    left = square["half"] * left / np.linalg.norm(left)
+    up = np.cross(towards, left)
+    centre = np.array(square["centre"])
+    corners = [
+        centre + a * left + b * up for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+    made["rectangle"] = lights.polygon(np.stack(corners), 1.0)
+    surfaces = {
+        "diffuse": brdf.lambertian(np.float64(found["albedo"])),
+        "ggx": _mitsubas_ggx(found["alpha"]),
+    }
+    apart = []
+    for name, light in made.items():
+        for material, surface in surfaces.items():
+            rows = found["radiance"][f"{name}, {material}"]
+            normals, views = (
+                np.array([row[k] for row in rows]) for k in ("normal", "view")
+            )
+            points = found["sphere radius"] * normals
+            ours = lights.area_reflection(light, surface, points, normals, views)[:, 0]
+            theirs = np.array([row["radiance"] for row in rows])
+            noise = np.array([row["standard_error"] for row in rows])
+            assert np.max(noise / theirs.max()) < 3e-3
+            # A thin tube is a line up to its radius over its distance.
+            limit = 4.5 * noise + (0.004 if name == "line" else 1e-5) * theirs.max()
+            assert np.all(np.abs(ours - theirs) < limit), (name, material)
+            apart.append((np.asarray(ours) - theirs) / np.maximum(noise, 1e-9))
+    assert abs(np.mean(np.concatenate(apart[:8]))) < 0.5

@@ -542,6 +542,8 @@ def test_render_a_turntable_that_resumes(tmp_path):
         "sky.exr",
         "--brdf",
         "lambertian albedo=0.8",
+        "--light",
+        "sphere centre=0,0,3 radius=1 radiance=0,0,9",
         "--size",
         "24",
         "--turntable",
@@ -556,7 +558,11 @@ def test_render_a_turntable_that_resumes(tmp_path):
     frame = io.read_image(tmp_path / "out" / "ball_0001.exr")
     assert frame.shape == (24, 24, 3)
     assert frame[1, 12, 2] > 1.3 > 0.8 > frame[1, 12, 0]  # the sky behind
-    assert 0.4 < frame[12, 12].mean() < 1.2  # the ball
+    assert 0.4 < frame[12, 12, :2].mean() < 1.2  # the ball
+    record = json.loads((tmp_path / "out" / "ball_render.json").read_text())
+    assert record["area_lights"] == ["sphere centre=0,0,3 radius=1 radiance=0,0,9"]
+    lit = frame[:, 12, 2] - frame[:, 12, 1] * 1.5  # blue, from above
+    assert lit[6] > 0.5 > abs(lit[16])
     times = {name: os.stat(tmp_path / name).st_mtime_ns for name in result["files"]}
     os.remove(tmp_path / result["files"][2])
     assert shell(*call, cwd=tmp_path).returncode == 0
@@ -583,6 +589,10 @@ def test_render_a_turntable_that_resumes(tmp_path):
         (
             ["render", "own.obj", "--brdf", "kajiya_kay exponent=8", "--out", "x"],
             "no tangents",
+        ),
+        (
+            ["render", "x.obj", "--light", "disk radius=1", "--out", "x"],
+            "disk needs centre=..., normal=..., radiance=...",
         ),
     ],
 )

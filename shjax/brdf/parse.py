@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
-
-import numpy as np
-
 from shjax.brdf.catalogue import BRDFS
 from shjax.brdf.core import Brdf
+from shjax.texts import called, value_of
 
 
 def parse(text: str) -> Brdf:
@@ -38,46 +35,13 @@ def parse(text: str) -> Brdf:
 
 def _term(term: str) -> Brdf:
     factor, star, rest = term.partition("*")
-    words = (rest if star else term).split()
-    name = words[0].lower() if words else ""
-    if name not in BRDFS:
-        raise ValueError(f"brdf must be one of {', '.join(BRDFS)}; got {term!r}.")
-    make = BRDFS[name].make
-    known = inspect.signature(make).parameters
-    given = {}
-    for word in words[1:]:
-        key, equals, value = word.partition("=")
-        key = key.lower()
-        if not equals or key not in known:
-            raise ValueError(
-                f"{name} takes {', '.join(f'{k}=...' for k in known)}; got {word!r}."
-            )
-        given[key] = _value(value)
-    missing = [
-        k
-        for k, p in known.items()
-        if p.default is inspect.Parameter.empty and k not in given
-    ]
-    if missing:
-        raise ValueError(f"{name} needs {', '.join(f'{k}=...' for k in missing)}.")
-    brdf = make(**given)
+    makers = {name: entry.make for name, entry in BRDFS.items()}
+    brdf = called(rest if star else term, makers, "brdf")
     return brdf * _number(factor) if star else brdf
 
 
-def _value(text: str):
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        return text
-    if len(numbers) > 1:
-        return np.array(numbers, np.float32)
-    return numbers[0]
-
-
 def _number(text: str):
-    value = _value(text.strip())
+    value = value_of(text.strip())
     if isinstance(value, (str, bool)):
         raise ValueError(f"a factor must be a number or numbers; got {text.strip()!r}.")
     return value

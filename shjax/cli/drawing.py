@@ -6,16 +6,20 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import click
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from shjax import render
+from shjax.brdf import metallic_roughness
 from shjax.cli.kept_energies import kept_energies
 from shjax.cli.options import Reflectance
 from shjax.cli.texts import Material
 from shjax.envmap import EnvironmentMap
 from shjax.ibl import PrefilteredLight, prefilter_light
+from shjax.lights import AreaLight
+from shjax.lights.area import add_channels
 from shjax.reflection import ReflectionModel, choose_model
 from shjax.render import GBuffer
 
@@ -47,6 +51,38 @@ def drawing_of(envmap: EnvironmentMap, reflectance: Reflectance) -> Drawing:
     )
     about = _about_model(model)
     return Drawing(lambda gbuffer: render.image(gbuffer, model), about, False)
+
+
+def with_area_lights(
+    drawing: Drawing,
+    reflectance: Reflectance,
+    area_lights: tuple[tuple[str, AreaLight], ...],
+) -> Drawing:
+    """Add area lights, by their integral, to what draws under the panorama.
+
+    Raises:
+        click.UsageError: If the material is a mesh's own, which changes over it.
+    """
+    if not area_lights:
+        return drawing
+    material = reflectance.material
+    if material is not None and material.mesh:
+        raise click.UsageError(
+            "--light takes one material for the whole mesh: --brdf, or --material with "
+            "numbers."
+        )
+    brdf = reflectance.brdf
+    if material is not None:
+        brdf = metallic_roughness(**material.values())
+    made = [light for _, light in area_lights]
+    texts = [text for text, _ in area_lights]
+
+    def shade(gbuffer: GBuffer) -> jax.Array:
+        near = render.area_lit(gbuffer, made, brdf)
+        return add_channels(drawing.shading(gbuffer), near)
+
+    about = drawing.about | {"area_lights": texts}
+    return dataclasses.replace(drawing, shading=shade, about=about)
 
 
 def _about_model(model: ReflectionModel) -> dict[str, Any]:

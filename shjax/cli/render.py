@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,7 +21,10 @@ from shjax.cli.options import (
     reading_options,
     reflectance_options,
 )
-from shjax.cli.texts import FiniteRange
+from shjax.cli.texts import AreaLightText, FiniteRange
+
+if TYPE_CHECKING:
+    from shjax.lights import AreaLight
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,6 +89,13 @@ view_options = packed(
 @click.argument("env", required=False, type=click.Path(path_type=Path))
 @out_option
 @reflectance_options
+@click.option(
+    "--light",
+    "area_lights",
+    multiple=True,
+    type=AreaLightText(),
+    help="An area light beside the panorama, in words; give it again for another.",
+)
 @view_options
 @reading_options
 @output_options
@@ -93,6 +104,7 @@ def render_command(
     env: Path | None,
     out: Path,
     reflectance: Reflectance,
+    area_lights: tuple[tuple[str, AreaLight], ...],
     view: View,
     reading: Reading,
     output: Output,
@@ -101,8 +113,9 @@ def render_command(
 
     The mesh is centred and scaled to radius 1. The light is distant: nothing casts a
     shadow. --brdf is drawn by the fastest model for --rms-error; --material by the lighting
-    layer, which takes textures (--material mesh). Needs trimesh and embreex (pip install
-    'shjax[mesh]').
+    layer, which takes textures (--material mesh). --light adds area lights near the mesh:
+    polygon, disk, ellipse, sphere, capsule or line, in its units (its radius is 1) and the
+    panorama's frame. Needs trimesh and embreex (pip install 'shjax[mesh]').
 
     \b
     DIR receives
@@ -117,10 +130,12 @@ def render_command(
       shjax render bunny.off studio.exr --turntable 60 --out results \\
         --brdf "lambertian albedo=0.5,0.2,0.1 + ggx alpha=0.2 f0=0.04"
       shjax render helmet.glb --material mesh --out results
+      shjax render spot.obj --brdf "ggx alpha=0.3 f0=0.9" --out results \\
+        --light "disk centre=0,1,2 normal=0,-1,-2 radius=0.5 radiance=8,8,6"
     """
     from shjax.io import isolation
 
     isolation.start()  # the reader gets ready while the rest is imported
     from shjax.cli import render_run
 
-    render_run.main(mesh, env, out, reflectance, view, reading, output)
+    render_run.main(mesh, env, out, reflectance, area_lights, view, reading, output)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shjax import io, render
-from shjax.cli.drawing import Drawing, drawing_of
+from shjax.cli.drawing import Drawing, drawing_of, with_area_lights
 from shjax.cli.many import alone, since, stamp
 from shjax.cli.options import Output, Reading, Reflectance
 from shjax.cli.pictures import FRAME, as_rgb, header, progress_display
@@ -23,6 +23,7 @@ from shjax.cli.stage import as_latlong, camera_at, placed
 from shjax.display import tone_map
 from shjax.envmap import EnvironmentMap
 from shjax.io.writing import check_folder, json_text, protecting
+from shjax.lights import AreaLight
 from shjax.render import Camera, GBuffer
 from shjax.render.loading import load_mesh, not_drawn
 from shjax.render.meshes import trace_mesh
@@ -35,6 +36,7 @@ def main(
     env: Path | None,
     out: Path,
     reflectance: Reflectance,
+    area_lights: tuple[tuple[str, AreaLight], ...],
     view: View,
     reading: Reading,
     output: Output,
@@ -50,6 +52,7 @@ def main(
     geometry = placed(load_mesh(mesh), view.up)
     envmap = reading.read(path)
     drawing = drawing_of(envmap, reflectance)
+    drawing = with_area_lights(drawing, reflectance, area_lights)
     settings = {
         "schema": SCHEMA,
         "mesh": str(mesh),

@@ -86,6 +86,23 @@ class BrdfText(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
+class AreaLightText(click.ParamType):
+    """An area light in words (:func:`shjax.lights.parse`)."""
+
+    name = "LIGHT"
+
+    def convert(self, value, param, ctx):
+        """A description to an area light; errors of a value are those of its maker."""
+        if not isinstance(value, str):
+            return value
+        from shjax.lights.in_words import parse
+
+        try:
+            return value, parse(value)
+        except (ValueError, TypeError) as error:
+            self.fail(str(error), param, ctx)
+
+
 @dataclasses.dataclass(frozen=True)
 class Material:
     """A metallic-roughness material; ``mesh`` says that the mesh's own comes first.

@@ -21,6 +21,7 @@ from shjax.lights.caps import (
     directional_light,
     hemisphere_light,
 )
+from shjax.lights.in_words import parse
 from shjax.lights.making import capsule, disk, ellipse, line, polygon, sphere
 from shjax.lights.splitting import split_lights, take_lights
 
@@ -42,6 +43,7 @@ __all__ = [
     "ellipse",
     "hemisphere_light",
     "line",
+    "parse",
     "polygon",
     "sphere",
     "split_lights",

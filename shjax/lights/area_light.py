@@ -32,6 +32,16 @@ class AreaLight:
         lit, outline = self.seen(point)
         return lit, horizons.above(outline, normal)
 
+    def transformed(self, matrix: jax.Array, point: jax.Array) -> AreaLight:
+        """Apply a matrix to the light about a point, which becomes the origin.
+
+        Raises:
+            ValueError: If such a light does not stay of its kind.
+        """
+        raise ValueError(
+            f"light must not be a {type(self).__name__}, which no matrix transforms."
+        )
+
     def coefs(self, point: jax.Array, l_max: int) -> jax.Array:
         """Lighting coefficients, ``(K,)``."""
         lit, outline = self.seen(point)

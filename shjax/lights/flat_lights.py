@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import STATIC, Array, safe_sqrt
+from shjax.arrays import STATIC, Array, matmul, safe_sqrt
 from shjax.lights import horizons, outlines, polygon_moments
 from shjax.lights.area_light import AreaLight
 from shjax.lights.outlines import (
@@ -69,6 +69,11 @@ class PolygonLight(AreaLight):
         lit, outline = self.seen(point)
         return lit * polygon_moments.coefs(outline, l_max)
 
+    def transformed(self, matrix: jax.Array, point: jax.Array) -> PolygonLight:
+        """Apply a matrix to the polygon about a point, which becomes the origin."""
+        vertices = jnp.asarray(self.vertices, point.dtype) - point[None]
+        return dataclasses.replace(self, vertices=matmul(vertices, matrix.T))
+
     def corners(self, point: jax.Array) -> jax.Array:
         """Vectors from a point to the vertices, counter-clockwise as it sees them."""
         corners = jnp.asarray(self.vertices, point.dtype) - point[None]
@@ -121,6 +126,16 @@ class DiskLight(AreaLight):
         there = s > 0
         own = (1 - 2 * d2 / (s + a)) * axis + 2 * h / (s + a) * beside
         return lit * jnp.where(there, np.pi * r2, 0) / jnp.where(there, s, 1) * own
+
+    def transformed(self, matrix: jax.Array, point: jax.Array) -> DiskLight:
+        """Apply a matrix to the disk about a point, which becomes the origin."""
+        centre = jnp.asarray(self.centre, point.dtype) - point
+        return dataclasses.replace(
+            self,
+            centre=matmul(matrix, centre),
+            axes=matmul(jnp.asarray(self.axes, point.dtype), matrix.T),
+            circular=False,
+        )
 
     def irradiance(self, point: jax.Array, normal: jax.Array) -> jax.Array:
         """Irradiance of what is above the horizon, ``()``."""

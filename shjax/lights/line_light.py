@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array
+from shjax.arrays import Array, matmul
 from shjax.harmonics import basis
 from shjax.lights.area_light import AreaLight
 from shjax.lights.outlines import angle, dot, gauss, length, scaled
@@ -47,6 +47,18 @@ class LineLight(AreaLight):
     ends: Float[Array, "*batch 2 3"]
     radius: Float[Array, "*batch"]
     radiance: Float[Array, "*batch C"]
+
+    def transformed(self, matrix: jax.Array, point: jax.Array) -> LineLight:
+        """Apply a matrix to the line about a point, which becomes the origin.
+
+        Its radius is that of the transformed strip across the line as the point sees it.
+        """
+        ends = self._about(point)
+        moved = matmul(ends, matrix.T)
+        across, there = (normalize(jnp.cross(a[0], a[1])) for a in (ends, moved))
+        radius = jnp.abs(dot(matmul(matrix, across), there))
+        radius = radius * jnp.asarray(self.radius, point.dtype)
+        return dataclasses.replace(self, ends=moved, radius=radius)
 
     def coefs(self, point: jax.Array, l_max: int) -> jax.Array:
         """Lighting coefficients, ``(K,)``."""

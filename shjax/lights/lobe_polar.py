@@ -89,7 +89,11 @@ def _along(
     speed = jnp.where(size > 0, speed, 1) / jnp.where(size > 0, size, 1)
     apart = length(towards - lobe[None])
     width = jnp.sqrt(apart**2 + _GRADED**2) / jnp.where(speed > 0, speed, 1)
-    low, high = (jnp.arcsinh((end - near) / width) for end in (arcs.start, arcs.end))
+    # A closed rim begins opposite the lobe.
+    closed = fixed.end - fixed.start > 2 * np.pi - 1e-4
+    start = jnp.where(closed, near - np.pi, arcs.start)
+    end = jnp.where(closed, near + np.pi, arcs.end)
+    low, high = (jnp.arcsinh((a - near) / width) for a in (start, end))
     graded = low[:, None] + (high - low)[:, None] * x[None]
     at = near[:, None] + width[:, None] * jnp.sinh(graded)
     step = width[:, None] * jnp.cosh(graded) * (high - low)[:, None] * w[None]

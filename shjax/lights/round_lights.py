@@ -20,6 +20,7 @@ from shjax.harmonics import basis
 from shjax.harmonics.degrees import degrees
 from shjax.lights.area_light import AreaLight
 from shjax.lights.caps import cap_gains
+from shjax.lights.flat_lights import DiskLight
 from shjax.lights.outlines import (
     Edges,
     Outline,
@@ -78,6 +79,18 @@ class SphereLight(AreaLight):
         )
         outside = length(centre) >= jnp.asarray(self.radius, dtype)
         return outside.astype(dtype), Outline(no_edges(dtype), rims, centre)
+
+    def transformed(self, matrix: jax.Array, point: jax.Array) -> DiskLight:
+        """Apply a matrix, about a point, to the disk that the sphere seems to be there."""
+        lit, _ = self.seen(point)
+        cap = self._cap(point)
+        centre = jnp.asarray(self.centre, point.dtype) - point
+        flat = cap.cosine > 0
+        radius = length(centre) * cap.sine / jnp.where(flat, cap.cosine, 1)
+        axes = radius * frames(-cap.axis)[:2]
+        radiance = jnp.asarray(self.radiance, point.dtype)
+        disk = DiskLight(centre, lit * axes, radiance, two_sided=True)
+        return disk.transformed(matrix, jnp.zeros_like(point))
 
     def coefs(self, point: jax.Array, l_max: int) -> jax.Array:
         """Lighting coefficients, ``(K,)``: those of a cap."""

@@ -3,12 +3,20 @@
 from shjax.render.camera import Camera, camera_rays
 from shjax.render.gbuffer import GBuffer, footprints, make_gbuffer, sphere
 from shjax.render.meshes import Trace, mesh, trace_mesh, visibility
-from shjax.render.pictures import background, image, mirrored, panorama_at, reference
+from shjax.render.pictures import (
+    area_lit,
+    background,
+    image,
+    mirrored,
+    panorama_at,
+    reference,
+)
 
 __all__ = [
     "Camera",
     "GBuffer",
     "Trace",
+    "area_lit",
     "background",
     "camera_rays",
     "footprints",

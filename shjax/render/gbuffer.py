@@ -33,6 +33,7 @@ class GBuffer:
         views: Unit vectors to the camera ``(H, W, 3)``; zero where nothing is seen.
         albedo: ``(H, W, 1)`` or ``(H, W, C)``.
         tangents: Unit tangents ``(H, W, 3)``, or None.
+        positions: Points of the surface ``(H, W, 3)``, for area lights, or None.
         roughness: glTF's, in [0, 1], ``(H, W)``, or None.
         metallic: In [0, 1], ``(H, W)``, or None.
     """
@@ -42,6 +43,7 @@ class GBuffer:
     views: Float[Array, "H W 3"]
     albedo: Float[Array, "H W A"]
     tangents: Float[Array, "H W 3"] | None = None
+    positions: Float[Array, "H W 3"] | None = None
     roughness: Float[Array, "H W"] | None = None
     metallic: Float[Array, "H W"] | None = None
 
@@ -59,6 +61,7 @@ def make_gbuffer(
     mask: Float[Array, "H W"] | None = None,
     views: Float[Array, "H W 3"] | None = None,
     albedo: Float[Array, "*shape"] | float = 1.0,
+    positions: Float[Array, "H W 3"] | None = None,
 ) -> GBuffer:
     """Make a G-buffer from arrays of normals, views and albedo.
 
@@ -68,6 +71,7 @@ def make_gbuffer(
         views: Vectors to the camera, of any length; default zero (not needed by
             Lambertian).
         albedo: A number, or ``(C,)``, ``(H, W, 1)`` or ``(H, W, C)``.
+        positions: Points of the surface, which area lights need.
 
     Raises:
         ValueError: If the shapes do not fit each other.
@@ -82,6 +86,12 @@ def make_gbuffer(
         raise ValueError(f"mask must have shape {size}; got {mask.shape}.")
     if views is None:
         views = jnp.zeros_like(normals)
+    if positions is not None:
+        if shape_of("positions", positions) != normals.shape:
+            raise ValueError(
+                f"positions must have shape {normals.shape}; got {positions.shape}."
+            )
+        positions = as_float("positions", positions).astype(dtype)
     if shape_of("views", views) != normals.shape:
         raise ValueError(f"views must have shape {normals.shape}; got {views.shape}.")
     albedo = jnp.atleast_1d(as_number_or_float("albedo", albedo, dtype))
@@ -95,6 +105,7 @@ def make_gbuffer(
         as_number_or_float("mask", mask, dtype),
         normalize(as_float("views", views).astype(dtype)),
         albedo,
+        positions=positions,
     )
 
 
@@ -164,6 +175,7 @@ def _sphere(height: int, width: int, camera: Camera, albedo: jax.Array) -> GBuff
         covered / len(offsets),
         views,
         jnp.full((height, width, 1), albedo, normals.dtype),
+        positions=jnp.where(seen[..., None], normals, 0),
     )
 
 

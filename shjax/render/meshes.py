@@ -142,6 +142,7 @@ def trace_mesh(
         picture(hits / samples**2),
         picture(np.where(seen[:, None], views, 0)),
         plain if surface is None else own[..., :3],
+        positions=picture(positions),
         roughness=None if surface is None else own[..., 3],
         metallic=None if surface is None else own[..., 4],
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ from shjax.brdf import Brdf
 from shjax.clamped_cosine import irradiance
 from shjax.ibl import LitMaterial, PrefilteredLight
 from shjax.light import Light, as_panorama
+from shjax.lights import AreaLight, area_irradiance, area_reflection
 from shjax.reference import reference_irradiance, reference_reflection
 from shjax.reflection import Reflector
 from shjax.reflection.reading import read_latlong
@@ -123,6 +125,45 @@ def reference(
     exact[seen] = values
     finish = _reflect if brdf is None else covered
     return finish(gbuffer, jnp.asarray(exact))
+
+
+def area_lit(
+    gbuffer: GBuffer,
+    light: AreaLight | Sequence[AreaLight],
+    brdf: Brdf | None = None,
+    *,
+    nodes: int = 16,
+) -> Float[jax.Array, "H W C"]:
+    """Render a G-buffer under area lights, to be added to the picture under a panorama.
+
+    Args:
+        gbuffer: What the picture shows, with positions; nothing casts a shadow. Pixels
+            that show nothing cost nothing.
+        light: One area light, or several.
+        brdf: The reflectance; default Lambertian, by the exact irradiance.
+        nodes: Of :func:`shjax.lights.area_reflection`. Static.
+
+    Returns:
+        The picture, ``(H, W, C)``, times albedo and coverage.
+
+    Raises:
+        ValueError: If the G-buffer has no positions, or a part is about the tangent.
+    """
+    if gbuffer.positions is None:
+        raise ValueError("gbuffer must have positions: area lights stand near.")
+    # Only the seen pixels are lit: their number is data, so this runs eagerly.
+    seen = np.asarray(gbuffer.mask) > 0
+    points, normals, views = (
+        np.asarray(a)[seen] for a in (gbuffer.positions, gbuffer.normals, gbuffer.views)
+    )
+    if brdf is None:
+        values = area_irradiance(light, points, normals)
+    else:
+        values = area_reflection(light, brdf, points, normals, views, nodes=nodes)
+    made = np.zeros((*seen.shape, values.shape[-1]), values.dtype)
+    made[seen] = values
+    finish = _reflect if brdf is None else covered
+    return finish(gbuffer, jnp.asarray(made))
 
 
 @jax.jit
