@@ -2,7 +2,7 @@
 
     python experiments/area_lights.py --out experiments/results
 
-GGX of several roughnesses at 256 points of a floor, under a square, a disk, a sphere and
+GGX of several roughnesses at 96 points of a floor, under a square, a disk, a sphere and
 a tube at three distances, seen from 0 to 75 degrees; the error is rms over rms of the
 integral (quadrature of 64 nodes, float64). Times are of float32, warm, per point, of one
 light.
@@ -29,7 +29,7 @@ from shjax.brdf import ggx
 
 ALPHAS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.0)
 DISTANCES = (0.7, 1.5, 4.0)
-DEGREES = (8, 16, 24, 32, 48)
+DEGREES = (8, 16, 24, 32)
 KINDS = ("square", "disk", "sphere", "tube")
 
 
@@ -68,7 +68,7 @@ def _places(rng, normals, views, distance: float, count: int) -> np.ndarray:
     return hit - reflected * (hit[:, 2:] / reflected[:, 2:])
 
 
-def run(count: int = 256, rounds: int = 3, f0s=(1.0, 0.04), alphas=ALPHAS) -> dict:
+def run(count: int = 96, rounds: int = 3, f0s=(1.0, 0.04), alphas=ALPHAS) -> dict:
     """Errors of every cell, and microseconds a point of every method."""
     errors: dict[str, dict[str, float]] = {}
     for kind in KINDS:
@@ -134,8 +134,11 @@ def _tricks(kind: str):
         )
 
     def of_roughness(light, surface, given, alpha, f0, rng):
-        about = (middle(light), light.radius, solid(light, given[0]))
-        return tricks.roughened(*about, alpha, f0, *map(jnp.asarray, given))
+        points, normals, views = map(jnp.asarray, given)
+        own = solid(light, given[0])
+        return tricks.roughened(
+            middle(light), light.radius, own, alpha, f0, points, normals, views
+        )
 
     def of_nearest(light, surface, given, alpha, f0, rng):
         own = (light.radius, solid(light, given[0]), alpha, f0)
@@ -206,22 +209,33 @@ def _mean(errors, kind: str, alpha: str) -> dict[str, float]:
     return {name: float(np.sqrt(np.mean(np.square(v)))) for name, v in rows.items()}
 
 
+def _lost(errors, alphas: list[str]) -> str:
+    """Where harmonics are the worse ones, said first."""
+    told = []
+    for degree in (16, 24):
+        name, counts = f"harmonics, F = {degree}", []
+        for alpha in alphas:
+            rows = [row for cell, row in errors.items() if cell.split(", ")[2] == alpha]
+            worse = sum(row["LTC"] < row[name] for row in rows)
+            counts.append(f"{worse} of {len(rows)} at alpha {alpha}")
+        told.append(f"Degree {degree}: {', '.join(counts)}.")
+    worse = [cell for cell, row in errors.items() if row["LTC"] < row["quadrature, 12"]]
+    where = f", in {'; '.join(worse)}" if worse else ""
+    return (
+        "Where linearly transformed cosines are closer than harmonics, among cells of "
+        f"light, distance, roughness and f0. {' '.join(told)} They are the fastest "
+        f"everywhere. They are closer than quadrature of 12 nodes about the lobe in "
+        f"{len(worse)} of {len(errors)} cells{where}; that needs less time than harmonics "
+        "of degree 16."
+    )
+
+
 def markdown(result: dict) -> str:
     """Tables: where harmonics lose first, then every roughness, then time."""
     errors = result["errors"]
     alphas = list(dict.fromkeys(cell.split(", ")[2] for cell in errors))
     parts = [f"# Area lights\n\n{__doc__ or ''}"]
-    lost = [
-        cell for cell, row in errors.items() if row["LTC"] < row["harmonics, F = 24"]
-    ]
-    lost16 = [
-        cell for cell, row in errors.items() if row["LTC"] < row["harmonics, F = 16"]
-    ]
-    parts.append(
-        f"LTC is closer than harmonics of degree 24 in {len(lost)} of {len(errors)} cells "
-        f"(light, distance, alpha, f0), than degree 16 in {len(lost16)}; it is faster in "
-        f"all. Of degree 24: {'; '.join(lost) or 'none'}."
-    )
+    parts.append(_lost(errors, alphas))
     for kind in KINDS:
         by_alpha = {alpha: _mean(errors, kind, alpha) for alpha in alphas}
         names = list(by_alpha[alphas[0]])

@@ -62,17 +62,22 @@ def roughened(
 
 
 def representative_point(
-    centre, radius, solid_angle, alpha, f0, points, normals, views
+    centre, radius, solid_angle, alpha, f0, points, normals, views, *, half_length=None
 ) -> jax.Array:
-    """The point of a sphere nearest to the reflected ray, with Karis' energy [K13]."""
+    """The point of a sphere nearest to the reflected ray, with Karis' energy [K13].
+
+    The lobe's loss is ``(alpha / alpha')^2``; of a tube, which widens it in one dimension
+    by its half length, ``alpha / alpha'``.
+    """
     apart, lobe = centre - points, mirror(normals, views)
     across = jnp.sum(apart * lobe, axis=-1, keepdims=True) * lobe - apart
     size = jnp.linalg.norm(across, axis=-1, keepdims=True)
     nearest = apart + across * jnp.clip(radius / jnp.maximum(size, 1e-9), 0, 1)
     distance = jnp.linalg.norm(apart, axis=-1)
-    wider = jnp.clip(alpha + radius / (2 * distance), 0, 1)
+    width, power = (radius, 2) if half_length is None else (half_length, 1)
+    wider = jnp.clip(alpha + width / (2 * distance), 0, 1)
     value = transfer(ggx(alpha, f0), normals, normalize(nearest), views)[..., 0]
-    return value * (alpha / wider) ** 2 * solid_angle
+    return value * (alpha / wider) ** power * solid_angle
 
 
 def representative_point_of_a_tube(
@@ -87,7 +92,8 @@ def representative_point_of_a_tube(
     share = jnp.clip(top / jnp.maximum(below, 1e-9), 0, 1)
     centre = start + share[..., None] * part
     given = (alpha, f0, points, normals, views)
-    return representative_point(centre, radius, solid_angle, *given)
+    half = jnp.linalg.norm(end - start) / 2
+    return representative_point(centre, radius, solid_angle, *given, half_length=half)
 
 
 def monte_carlo(towards, solid, alpha, f0, normals, views) -> jax.Array:
