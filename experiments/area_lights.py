@@ -141,11 +141,16 @@ def _tricks(kind: str):
         )
 
     def of_nearest(light, surface, given, alpha, f0, rng):
-        own = (light.radius, solid(light, given[0]), alpha, f0)
-        given = tuple(map(jnp.asarray, given))
+        n, v = jnp.asarray(given[1]), jnp.asarray(given[2])
+        points, own, r = jnp.asarray(given[0]), solid(light, given[0]), light.radius
         if kind == "sphere":
-            return tricks.representative_point(light.centre, *own, *given)
-        return tricks.representative_point_of_a_tube(*light.ends, *own, *given)
+            return tricks.representative_point(
+                light.centre, r, own, alpha, f0, points, n, v
+            )
+        start, end = light.ends
+        return tricks.representative_point_of_a_tube(
+            start, end, r, own, alpha, f0, points, n, v
+        )
 
     found = {
         "a point": of_point,
