@@ -47,7 +47,8 @@ def area_reflection(
     """Reflected radiance of area lights by quadrature over each: the reference.
 
     Polar coordinates about the reflected direction, graded towards it, over what is above
-    the horizon; for lobes of alpha 0.05 and more.
+    the horizon; for lobes of alpha 0.05 and more. With 12 nodes it is also the quickest
+    way to an error of a thousandth (experiments/results/area_lights.md).
 
     Args:
         light: One light, or several, which add up.
