@@ -80,6 +80,8 @@ def _given(parameter):
         return shjax.brdf.expand(shjax.brdf.lambertian(), l_max=2, p_max=1)
     if parameter.name == "lights":
         return shjax.lights.cap_light(jnp.eye(3)[2], 0.1, jnp.ones(3))
+    if "AreaLight" in text:
+        return shjax.lights.sphere([0, 0, 3], 1.0, 1.0)
     if parameter.name == "light":
         return shjax.prefilter_light(np.ones((9, 3), np.float32), maps=4, max_lights=0)
     return CHOICES[parameter.name]
@@ -305,7 +307,7 @@ def test_lights_of_an_ambiguous_shape_take_an_axis_in_front():
 
 def test_a_gbuffer_is_described_in_one_line():
     ball = shjax.render.sphere(4)
-    assert repr(ball) == "GBuffer: 4 x 4; normals, mask, views, albedo"
+    assert repr(ball) == "GBuffer: 4 x 4; normals, mask, views, albedo, positions"
 
 
 @pytest.mark.usefixtures("as_a_user")

@@ -21,6 +21,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from shjax.arrays import (
@@ -170,7 +171,7 @@ def check_points(points: dict[str, Any]) -> list[jax.Array]:
                 f"{vectors.shape}."
             )
     arrays = [as_float(name, vectors) for name, vectors in points.items()]
-    dtype = jnp.result_type(*(a.dtype for a in arrays))
+    dtype = np.result_type(*(a.dtype for a in arrays))
     return [a.astype(dtype) for a in arrays]
 
 

@@ -72,7 +72,7 @@ def disk(
         ValueError: If the radius is negative or the normal zero.
     """
     place, axis = _vectors("centre", centre, (3,)), _vectors("normal", normal, (3,))
-    dtype = jnp.result_type(place, axis)
+    dtype = np.result_type(place.dtype, axis.dtype)
     _check_length("normal", axis)
     size = _radius(radius, dtype)
     frame = frames(normalize(axis.astype(dtype)))
@@ -104,7 +104,7 @@ def ellipse(
         ValueError: If the axes are parallel, or a shape is wrong.
     """
     place, both = _vectors("centre", centre, (3,)), _vectors("axes", axes, (2, 3))
-    dtype = jnp.result_type(place, both)
+    dtype = np.result_type(place.dtype, both.dtype)
     if _known(both):
         u, v = np.asarray(both, np.float64)
         if np.linalg.norm(np.cross(u, v)) <= 1e-12 * (u @ u + v @ v):
@@ -187,7 +187,7 @@ def line(
 
 def _ends(start, end) -> jax.Array:
     first, last = _vectors("start", start, (3,)), _vectors("end", end, (3,))
-    dtype = jnp.result_type(first, last)
+    dtype = np.result_type(first.dtype, last.dtype)
     return jnp.stack([first.astype(dtype), last.astype(dtype)])
 
 
