@@ -45,7 +45,7 @@ def isotropic_line(start: jax.Array, end: jax.Array, normal: jax.Array) -> jax.A
 
 def point_light(centre, solid_angle, alpha, f0, points, normals, views) -> jax.Array:
     """All of the light at its centre."""
-    towards = normalize(centre - points)
+    towards = normalize(centre[None] - points)
     value = transfer(ggx(alpha, f0), normals, towards, views)[..., 0]
     return value * solid_angle
 
@@ -54,7 +54,7 @@ def roughened(
     centre, radius, solid_angle, alpha, f0, points, normals, views
 ) -> jax.Array:
     """A point at the centre, the roughness widened by the light's size [K13]."""
-    apart = centre - points
+    apart = centre[None] - points
     distance = jnp.linalg.norm(apart, axis=-1)
     wider = jnp.clip(alpha + radius / (2 * distance), 0, 1)
     each = jax.vmap(lambda a, n, l, v: transfer(ggx(a, f0), n, l, v)[0])
@@ -69,7 +69,8 @@ def representative_point(
     The lobe's loss is ``(alpha / alpha')^2``; of a tube, which widens it in one dimension
     by its half length, ``alpha / alpha'``.
     """
-    apart, lobe = centre - points, mirror(normals, views)
+    lobe = mirror(normals, views)
+    apart = jnp.broadcast_to(centre, points.shape) - points
     across = jnp.sum(apart * lobe, axis=-1, keepdims=True) * lobe - apart
     size = jnp.linalg.norm(across, axis=-1, keepdims=True)
     nearest = apart + across * jnp.clip(radius / jnp.maximum(size, 1e-9), 0, 1)
@@ -85,12 +86,12 @@ def representative_point_of_a_tube(
 ) -> jax.Array:
     """The point of a segment nearest to the reflected ray, as a sphere's [K13]."""
     lobe = mirror(normals, views)
-    first, part = start - points, end - start
+    first, part = start[None] - points, (end - start)[None]
     along = jnp.sum(lobe * part, axis=-1)
     top = jnp.sum(lobe * first, axis=-1) * along - jnp.sum(first * part, axis=-1)
     below = jnp.sum(part * part, axis=-1) - along**2
     share = jnp.clip(top / jnp.maximum(below, 1e-9), 0, 1)
-    centre = start + share[..., None] * part
+    centre = start[None] + share[:, None] * part
     given = (alpha, f0, points, normals, views)
     half = jnp.linalg.norm(end - start) / 2
     return representative_point(centre, radius, solid_angle, *given, half_length=half)
