@@ -256,6 +256,12 @@ def test_reflection_by_harmonics_tends_to_the_integral(rng, dtype):
         found = lights.area_shade(made, surface, points, normals, views, l_max=l_max)
         assert found.shape == (12, 2)
         assert relative_error(found, exact) < error
+    # From below nothing is seen of a surface that ends at its horizon.
+    views = views * np.array([1, 1, -1], dtype)
+    glossy = jax.tree.map(lambda a: a.astype(dtype), 0.6 * brdf.ggx(0.4, 0.3))
+    given = (made[:1], glossy, points, normals, views)
+    assert not np.any(lights.area_shade(*given, l_max=6))
+    assert not np.any(lights.area_reflection(*given))
 
 
 @pytest.mark.slow

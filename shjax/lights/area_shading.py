@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from shjax.arrays import Array, check_count, common_channels, map_blocks
+from shjax.arrays import Array, check_count, common_channels, map_blocks, matmul
 from shjax.brdf.core import Brdf, Local, prepared, select, transfer_local
 from shjax.brdf.expansion import radial_gains
 from shjax.brdf.ranges import check_brdf
@@ -47,8 +47,8 @@ def area_reflection(
     """Reflected radiance of area lights by quadrature over each: the reference.
 
     Polar coordinates about the reflected direction, graded towards it, over what is above
-    the horizon; for lobes of alpha 0.05 and more. With 12 nodes it is also the quickest
-    way to an error of a thousandth (experiments/results/area_lights.md).
+    the horizon; for lobes of alpha 0.05 and more. With 12 nodes the error was below 0.3 %
+    rms, under disks from alpha 0.2 on (experiments/results/area_lights.md).
 
     Args:
         light: One light, or several, which add up.
@@ -80,8 +80,9 @@ def area_shade(
 
     Parts that are radial about the reflected direction or the normal need the moments of
     the light about that direction alone [WR18]; for others the light's coefficients meet
-    those of the transfer function. Only what lies above degree ``l_max`` is lost: for GGX
-    about alpha 0.1 at degree 24, 0.2 at 16, 0.4 at 8.
+    those of the transfer function. Only what lies above degree ``l_max`` is lost: 3 to
+    10 % of GGX at alpha 0.1 and degree 24, 0.2 and 16, 0.4 and 8. Parts that end at the
+    horizon are zero where the view is below it.
 
     Args:
         light: One light, or several, which add up.
@@ -154,6 +155,7 @@ def _by_harmonics(lights, brdf: Brdf, arrays, *, l_max: int) -> jax.Array:
     def block(some):
         points, normals, views = some
         lobe, below = mirror(normals, views), None
+        facing = jnp.sum(normals * views, axis=-1, keepdims=True) > 0
         for light in lights:
             for part in radial:
                 about = normals if part.model.centre == "normal" else lobe
@@ -162,7 +164,9 @@ def _by_harmonics(lights, brdf: Brdf, arrays, *, l_max: int) -> jax.Array:
                 moments = jax.vmap(
                     lambda p, a, light=light: light.zonal_moments(p, a, l_max)
                 )(points, about)
-                value = (moments * each[None]) @ gains
+                value = matmul(moments * each[None], gains)
+                if part.model.horizon:
+                    value = jnp.where(facing, value, 0)
                 below = _colour(below, light, value, dtype)
         if others:
             rows = glossy_rows(
@@ -173,6 +177,8 @@ def _by_harmonics(lights, brdf: Brdf, arrays, *, l_max: int) -> jax.Array:
                     ..., None
                 ]
                 value = jnp.sum(rows * jnp.broadcast_to(unit, rows.shape), axis=1)
+                if all(part.model.horizon for part in others):
+                    value = jnp.where(facing, value, 0)
                 below = _colour(below, light, value, dtype)
         return below
 

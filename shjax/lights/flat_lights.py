@@ -97,6 +97,7 @@ class DiskLight(AreaLight):
         axes: Half axes u and v, ``(2, 3)``; it emits towards ``u x v``.
         radiance: ``(C,)``.
         two_sided: Whether it emits to both sides.
+        circular: Whether the axes are as long and perpendicular, as of a disk.
     """
 
     centre: Float[Array, "*batch 3"]
